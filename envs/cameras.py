@@ -1,0 +1,150 @@
+"""Named cameras and their frames, drawn by Bullet's TinyRenderer."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+Vector = tuple[float, float, float]
+Frame = NDArray[np.uint8]
+
+# Mostly ambient: tones stay within a quarter of their nominal luminance, so that shells and markers stay apart.
+LIGHT: dict[str, Any] = {
+    "lightDirection": (1.0, 0.0, 2.0),
+    "lightAmbientCoeff": 0.75,
+    "lightDiffuseCoeff": 0.25,
+    "lightSpecularCoeff": 0.0,
+    "shadow": 0,
+}
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A fixed pinhole camera.
+
+    Attributes:
+        name: What messages and pictures call the view.
+        position: Of the pinhole, in [m], world.
+        target: Point in the middle of the picture, in [m], world.
+        up: Direction that is up in the picture.
+        horizontal_fov: Horizontal field of view in [rad]; the default is Gazebo's.
+        width: Of the frame, in [px].
+        height: Of the frame, in [px].
+        near: Distance of the near plane, in [m].
+        far: Distance of the far plane, in [m].
+
+    Raises:
+        ValueError: If a value makes no picture.
+    """
+
+    name: str
+    position: Vector
+    target: Vector = (0.0, 0.0, 0.6)
+    up: Vector = (0.0, 0.0, 1.0)
+    horizontal_fov: float = math.pi / 3
+    width: int = 320
+    height: int = 240
+    near: float = 0.1
+    far: float = 10.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.horizontal_fov < math.pi:
+            raise ValueError(f"camera '{self.name}': horizontal_fov is {self.horizontal_fov}; give radians in (0, pi)")
+        if min(self.width, self.height) < 1:
+            raise ValueError(f"camera '{self.name}': {self.width} x {self.height} px; give at least 1 x 1")
+        if not 0.0 < self.near < self.far:
+            raise ValueError(f"camera '{self.name}': near {self.near}, far {self.far}; give 0 < near < far")
+        forward = np.subtract(self.target, self.position)
+        if not np.linalg.norm(np.cross(forward, self.up)) > 0.0:
+            raise ValueError(f"camera '{self.name}': it looks along its up direction {self.up}; choose another up")
+
+    @property
+    def view_matrix(self) -> tuple[float, ...]:
+        """World to camera, 16 numbers in OpenGL's order."""
+        return tuple(pybullet.computeViewMatrix(self.position, self.target, self.up))
+
+    @property
+    def projection_matrix(self) -> tuple[float, ...]:
+        """Camera to clip space, 16 numbers in OpenGL's order."""
+        aspect = self.width / self.height
+        vertical_fov = 2 * math.atan(math.tan(self.horizontal_fov / 2) / aspect)
+        return tuple(pybullet.computeProjectionMatrixFOV(math.degrees(vertical_fov), aspect, self.near, self.far))
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where world points appear in the frame.
+
+        Args:
+            points: Shape (..., 3), in [m], world.
+
+        Returns:
+            Pixel coordinates (x right, y down, (0, 0) the first pixel) as TinyRenderer draws, which samples a
+            pixel at its lower left corner and not in its middle; shape (..., 2).
+        """
+        matrix = np.reshape(self.projection_matrix, (4, 4)).T @ np.reshape(self.view_matrix, (4, 4)).T
+        homogeneous = np.concatenate([points, np.ones_like(points[..., :1])], axis=-1) @ matrix.T
+        device = homogeneous[..., :2] / homogeneous[..., 3:]  # in [-1, 1], y up
+        corner = (np.array([1.0, -1.0]) * device + 1.0) / 2 * np.array([self.width, self.height])
+        return np.asarray(corner - np.array([0.0, 1.0]))
+
+
+def stereo_pair(distance: float = 4.0, elevation: float = math.radians(15)) -> tuple[CameraSpec, CameraSpec]:
+    """Two cameras in front of the arm, 90 degrees apart: their mean pixel distance follows the distance in space.
+
+    Args:
+        distance: To the point that both look at, in [m]. At 4 m a pixel there is 14.4 mm wide, so the goal's 10
+            pixels are about 14 cm; much nearer cameras make goals too rare to be found by chance.
+        elevation: Above the horizon, in [rad].
+    """
+    ground, height = distance * math.cos(elevation), CameraSpec.target[2] + distance * math.sin(elevation)
+    side = ground * math.sqrt(0.5)
+    return CameraSpec("left", (side, side, height)), CameraSpec("right", (side, -side, height))
+
+
+STEREO_PAIR = stereo_pair()
+
+
+class Camera:
+    """A `CameraSpec` in one Bullet client.
+
+    Args:
+        spec: Where it stands and what it sees.
+        client: A `BulletClient`.
+    """
+
+    def __init__(self, spec: CameraSpec, client: Any) -> None:
+        self.spec = spec
+        self._draw = client.getCameraImage
+        self._options = {
+            "width": spec.width,
+            "height": spec.height,
+            "viewMatrix": spec.view_matrix,
+            "projectionMatrix": spec.projection_matrix,
+            "renderer": pybullet.ER_TINY_RENDERER,
+            **LIGHT,
+        }
+        self.background: tuple[Frame, NDArray[np.float32]] | None = None  # colour and depth
+
+    def keep_background(self) -> None:
+        """Remember what is in the picture now; `frame` lays it behind what is drawn later.
+
+        The caller then hides the bodies that never move. Exact for fixed lights and no shadows.
+        """
+        frame, depth, _ = self.draw()
+        self.background = frame.copy(), depth.copy()
+
+    def draw(self) -> tuple[Frame, NDArray[np.float32], NDArray[np.int32]]:
+        """Draw the bodies: colour (height, width, 4) RGBA, depth and body ids (height, width)."""
+        _, _, frame, depth, bodies = self._draw(**self._options)
+        return frame, depth, bodies
+
+    def frame(self) -> Frame:
+        """The picture, RGBA, shape (height, width, 4), uint8."""
+        frame, depth, _ = self.draw()
+        if self.background is None:
+            return frame
+        background, background_depth = self.background
+        return np.asarray(cv2.copyTo(background, cv2.compare(background_depth, depth, cv2.CMP_LT), frame), np.uint8)

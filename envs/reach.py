@@ -1,0 +1,279 @@
+"""The reaching environment: act, simulate, look, judge, return."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pybullet
+from gymnasium.spaces import Box
+from numpy.typing import ArrayLike, NDArray
+
+from sb3_stereo.envs import composite, rewards
+from sb3_stereo.envs.arm import WAM, Arm, ArmSpec
+from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec
+from sb3_stereo.envs.markers import find_blobs
+from sb3_stereo.envs.simulation import Client
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+RED, BLUE, GREY = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0), (0.8, 0.8, 0.8, 1.0)
+GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
+FLOOR_HALF_EXTENTS = (3.0, 3.0, 0.05)  # [m]
+MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
+RESET_OPTIONS = ("joint_positions", "target_position")
+
+
+@dataclass(frozen=True)
+class SavedState:
+    """What `save_state` returns: Bullet's snapshot and what the environment remembers besides."""
+
+    bullet_id: int
+    target_position: Floats
+    frames: tuple[Image, ...]
+    distances: Floats
+    end_effector_position: Floats
+
+
+class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
+    """Reach a blue target with a red end effector, seen by static cameras only.
+
+    An action is one pulse of constant joint efforts; between pulses the arm stands still, so that one composite
+    image carries the whole state. Paul & Vig (ICCVW 2017), sections 3.1 to 3.3.
+
+    Action: `Box(-1, 1, (n_joints,), float32)`, the share of each joint's effort limit; values outside are clipped.
+    Observation: `Box(0, 255, (1, 42 * n_views, 84), uint8)`, see `composite.composite`.
+    Reward: Eq. 3, see `rewards`. Terminated at the goal only; the registration truncates at 30 steps.
+
+    Args:
+        render_mode: None, "rgb_array" (all views side by side), or "human" (Bullet's window; needs a display).
+        arm: The robot.
+        cameras: The views, in the order of the composite.
+        target_position: Of the target, in [m], world.
+        rho: Mean pixel distance that counts as reached, in [px] (the paper's 10).
+        distance_scale: Pixels by which a change of distance is divided (Eq. 2's normalisation): about the largest
+            that one pulse makes.
+        pulse_duration: How long an action's efforts last, in [s].
+        physics_rate: Simulation steps per second, in [Hz], at least 240.
+        effort_scale: Factor on the arm's effort limits.
+        damping: Viscous damping per actuated joint, in [N m s/rad]; None for the arm's own.
+        gravity_compensation: Cancel the arm's weight, as the WAM's controller always does. The compensation is
+            ideal: its torques cancel gravity's at every instant, which is the motion without gravity.
+        brake: Stop the joints after each pulse. Without it they coast into the next one, and an image no longer
+            tells the state.
+        floor: Draw the floor. It is solid in any case.
+
+    Raises:
+        ValueError: If an argument makes no task.
+        RuntimeError: If "human" is asked for and there is no display.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's own type)
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        *,
+        arm: ArmSpec = WAM,
+        cameras: Sequence[CameraSpec] = STEREO_PAIR,
+        target_position: Sequence[float] = (0.5, 0.0, 0.6),
+        rho: float = 10.0,
+        distance_scale: float = 100.0,
+        pulse_duration: float = 0.5,
+        physics_rate: float = 240.0,
+        effort_scale: float = 1.0,
+        damping: Sequence[float] | None = None,
+        gravity_compensation: bool = True,
+        brake: bool = True,
+        floor: bool = False,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"unknown render_mode '{render_mode}'; it is one of None, 'rgb_array', 'human'")
+        _positive(rho=rho, distance_scale=distance_scale, pulse_duration=pulse_duration, effort_scale=effort_scale)
+        _require(240 <= physics_rate < math.inf, f"physics_rate is {physics_rate}; give at least 240 Hz")
+        _require(len(cameras) > 0, "no cameras; give at least one CameraSpec")
+        self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
+        self._braked = brake
+        self._n_pulse_steps = max(1, round(pulse_duration * physics_rate))
+        self._default_target = _vector("target_position", target_position, 3)
+        n_joints = len(arm.joints)
+        self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
+        self.observation_space = Box(0, 255, (1, composite.HEIGHT * len(cameras), composite.WIDTH), np.uint8)
+
+        self._client = Client(gui=render_mode == "human")
+        self._client.setTimeStep(1 / physics_rate)
+        self._client.setGravity(*((0.0, 0.0, 0.0) if gravity_compensation else GRAVITY))
+        # Without this the order of overlapping pairs, and so a contact's outcome, depends on the past.
+        self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
+        self.cameras = tuple(Camera(spec, self._client) for spec in cameras)
+        self._add_floor(drawn=floor)
+        self.arm = Arm(arm, self._client)
+        if damping is not None:
+            self.arm.set_damping(_vector("damping", damping, n_joints))
+        self.effort_limits = effort_scale * np.array(arm.effort_limits)
+        self.markers = tuple(self._add_ball(colour, arm.marker_radius) for colour in (RED, BLUE))
+        self._start = self._client.saveState()
+
+    # ------------------------------------------------------------------------------------------------ Gymnasium
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Image, dict[str, Any]]:
+        """Put the arm at a random free pose away from the goal, or where `options` say.
+
+        Args:
+            seed: Of the pose.
+            options: `joint_positions` of the actuated joints, shape (n_joints,), in [rad];
+                `target_position`, shape (3,), in [m], for this episode.
+
+        Raises:
+            ValueError: If an option is unknown, malformed, outside the joint limits, or a pose that collides.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        for name in options:
+            _require(name in RESET_OPTIONS, f"unknown reset option '{name}'; options are {', '.join(RESET_OPTIONS)}")
+        self._target_position = _vector("target_position", options.get("target_position", self._default_target), 3)
+        if "joint_positions" in options:
+            self._place_arm_as_told(_vector("joint_positions", options["joint_positions"], len(self.arm.limits)))
+        else:
+            self._place_arm_at_random()
+        return composite.composite(self._frames), self._info()
+
+    def step(self, action: ArrayLike) -> tuple[Image, float, bool, bool, dict[str, Any]]:
+        """Apply one pulse of efforts.
+
+        Args:
+            action: Share of each effort limit, shape (n_joints,), clipped to [-1, 1].
+
+        Raises:
+            ValueError: If the action has another shape or is not finite.
+        """
+        efforts = np.clip(_vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
+        self.arm.push(efforts.tolist(), self._n_pulse_steps)
+        if self._braked:
+            self.arm.brake()
+        previous = self._distances
+        self._look()
+        goal = rewards.is_goal(self._distances, self.rho)
+        changes = rewards.distance_change(previous, self._distances, self.distance_scale)
+        return composite.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info()
+
+    def render(self) -> Image | None:
+        """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
+        if self.render_mode != "rgb_array":
+            return None
+        return np.hstack([frame[:, :, :3] for frame in self._frames])
+
+    def close(self) -> None:
+        """Disconnect from Bullet; a second call does nothing."""
+        self._client.close()
+
+    # ------------------------------------------------------------------------------------------------ snapshots
+    def save_state(self) -> SavedState:
+        """Everything that the coming steps depend on. Free it with `remove_state`."""
+        return SavedState(
+            self._client.saveState(),
+            self._target_position,
+            self._frames,
+            self._distances,
+            self._end_effector_position,
+        )
+
+    def restore_state(self, state: SavedState) -> None:
+        """Go back to a saved state, exactly; it may be restored any number of times."""
+        self._client.restoreState(state.bullet_id)
+        self._target_position = state.target_position
+        self._frames, self._distances = state.frames, state.distances
+        self._end_effector_position = state.end_effector_position
+
+    def remove_state(self, state: SavedState) -> None:
+        """Free a saved state."""
+        self._client.removeState(state.bullet_id)
+
+    # ------------------------------------------------------------------------------------------------ the scene
+    def _add_floor(self, drawn: bool) -> None:
+        """Add the floor; drawn once, before anything that moves, as the frames' background."""
+        client, extents = self._client, FLOOR_HALF_EXTENTS
+        shape = client.createCollisionShape(pybullet.GEOM_BOX, halfExtents=extents)
+        look = client.createVisualShape(pybullet.GEOM_BOX, halfExtents=extents, rgbaColor=GREY)
+        floor = client.createMultiBody(0, shape, look, basePosition=(0.0, 0.0, -extents[2]))
+        if drawn and self.render_mode == "human":
+            return  # Bullet's window is to show it
+        if drawn:
+            for camera in self.cameras:
+                camera.keep_background()
+        client.changeVisualShape(floor, -1, rgbaColor=(0.0, 0.0, 0.0, 0.0))  # TinyRenderer skips what is transparent
+
+    def _add_ball(self, colour: tuple[float, ...], radius: float) -> int:
+        shape = self._client.createVisualShape(pybullet.GEOM_SPHERE, radius=radius, rgbaColor=colour)
+        return int(self._client.createMultiBody(baseVisualShapeIndex=shape))
+
+    def _place_arm(self, positions: Floats) -> bool:
+        """Rest the arm at `positions` as if nothing had been before; return whether it is free there."""
+        self._client.restoreState(self._start)  # contacts of the past would change the future
+        self.arm.rest_at(positions)
+        free = not self.arm.collides()
+        self._client.restoreState(self._start)
+        self.arm.rest_at(positions)
+        return free
+
+    def _place_arm_as_told(self, positions: Floats) -> None:
+        low, high = self.arm.limits.T
+        _require(
+            bool(np.all((low <= positions) & (positions <= high))),
+            f"joint_positions {positions.tolist()} are outside the limits {self.arm.limits.tolist()}",
+        )
+        _require(
+            self._place_arm(positions),
+            f"joint_positions {positions.tolist()} collide; choose a pose clear of the arm itself and the floor",
+        )
+        self._look()
+
+    def _place_arm_at_random(self) -> None:
+        low, high = self.arm.limits.T
+        for _ in range(MAX_DRAWS):
+            if self._place_arm(self.np_random.uniform(low, high)):
+                self._look()
+                if not rewards.is_goal(self._distances, self.rho):
+                    return
+        raise RuntimeError(f"no free pose in {MAX_DRAWS} draws; the arm collides almost everywhere")
+
+    # ------------------------------------------------------------------------------------------------ the view
+    def _look(self) -> None:
+        """Take the frames and measure d(t) in each."""
+        self._end_effector_position = self.arm.end_effector_position
+        for ball, position in zip(self.markers, (self._end_effector_position, self._target_position), strict=True):
+            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
+        self._frames = tuple(camera.frame() for camera in self.cameras)
+        self._distances = np.array([find_blobs(frame).distance for frame in self._frames])
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "is_success": rewards.is_goal(self._distances, self.rho),
+            "pixel_distances": self._distances.copy(),
+            "joint_positions": self.arm.joint_positions,
+            "end_effector_position": self._end_effector_position,
+            "target_position": self._target_position.copy(),
+        }
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise ValueError(message)
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        _require(0 < value < math.inf, f"{name} is {value}; give a positive number")
+
+
+def _vector(name: str, value: Any, size: int) -> Floats:
+    """`value` as a finite vector of `size` numbers, a copy."""
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} is {value!r}; give {size} numbers") from None
+    _require(vector.shape == (size,), f"{name} has shape {vector.shape}; give ({size},)")
+    _require(bool(np.all(np.isfinite(vector))), f"{name} is {vector.tolist()}; give finite numbers")
+    return vector

@@ -1,0 +1,57 @@
+"""Reward and goal of the paper, as pure functions of pixel distances.
+
+A distance is `nan` where it is undefined: a view in which the end effector or the target is hidden.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def distance_change(previous: Floats, current: Floats, scale: float) -> Floats:
+    """Eq. 2: how far the end effector came nearer in each view, normalised to [-1, 1].
+
+    Dividing by one constant (and not by the distance itself) makes the changes of a path add up to the change
+    of its ends, so that no cycle earns anything.
+
+    Args:
+        previous: d(t-1) per view, shape (..., n_views), in [px], nan where undefined.
+        current: d(t) per view, likewise.
+        scale: Shift that counts as 1, in [px], positive.
+
+    Returns:
+        Changes, shape (..., n_views), nan where either distance is.
+    """
+    return np.clip((previous - current) / scale, -1.0, 1.0)
+
+
+def is_goal(distances: Floats, rho: float) -> bool:
+    """The terminal flag tau (section 3.3): the mean distance over the views is at most `rho`.
+
+    Args:
+        distances: d(t) per view, shape (n_views,), in [px]. One undefined distance is enough for no goal.
+        rho: Threshold in [px].
+    """
+    return bool(np.mean(distances) <= rho)
+
+
+def reward(changes: Floats, goal: bool) -> float:
+    """Eq. 3, its cases in the order printed, for any number of views.
+
+    The paper has no case for a step that no view defines: 0. One view undefined and the other one zero is the
+    third or fourth case (0), not the second.
+
+    Args:
+        changes: Delta d per view of `distance_change`, shape (n_views,).
+        goal: tau of `is_goal`.
+
+    Returns:
+        A number in [-1, 1].
+    """
+    if goal:
+        return 1.0
+    if np.all(changes == 0.0):
+        return -1.0
+    defined = changes[~np.isnan(changes)]
+    return float(defined.mean()) if defined.size else 0.0

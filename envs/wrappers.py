@@ -1,0 +1,54 @@
+"""Quantised efforts for learners with discrete actions."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.spaces import Box, Discrete, MultiDiscrete
+from numpy.typing import NDArray
+
+MAX_ACTIONS = 10_000  # one output per action: beyond this no Q network is sensible
+
+
+class QuantizedActions(gym.ActionWrapper[Any, np.int64, NDArray[np.float32]]):
+    """Each component of a Box action quantised, all combinations numbered: MultiDiscrete to Discrete.
+
+    The number is the digits of the components in the mixed radix `multi_discrete.nvec`, the first joint highest.
+
+    Args:
+        env: Environment with a bounded one-dimensional Box action.
+        levels: Evenly spaced values per component from its lowest to its highest, both included; 3 gives full
+            effort back, none, full effort forward, and 3 ** 4 = 81 actions.
+
+    Raises:
+        ValueError: If the actions cannot be quantised so.
+    """
+
+    def __init__(self, env: gym.Env[Any, NDArray[np.float32]], levels: int = 3) -> None:
+        super().__init__(env)
+        box = env.action_space
+        if not isinstance(box, Box) or not box.is_bounded() or len(box.shape) != 1:
+            raise ValueError(f"cannot quantise {box}; it takes a bounded one-dimensional Box")
+        if levels < 2 or levels ** box.shape[0] > MAX_ACTIONS:
+            raise ValueError(
+                f"{levels} levels for {box.shape[0]} joints; take at least 2, and at most {MAX_ACTIONS} actions in all"
+            )
+        self.multi_discrete = MultiDiscrete([levels] * box.shape[0])
+        self._n_actions = levels ** box.shape[0]
+        self.action_space = Discrete(self._n_actions)
+        self._values = np.linspace(box.low, box.high, levels, dtype=np.float32)  # (levels, n_joints)
+        self._joints = np.arange(box.shape[0])
+
+    def levels_of(self, action: int) -> NDArray[np.int64]:
+        """The level of each joint, shape (n_joints,), that the number `action` stands for."""
+        return np.array(np.unravel_index(action, self.multi_discrete.nvec), dtype=np.int64)
+
+    def number_of(self, levels: NDArray[np.int64]) -> int:
+        """The number that stands for one level per joint, shape (n_joints,); the inverse of `levels_of`."""
+        return int(np.ravel_multi_index(tuple(levels), tuple(self.multi_discrete.nvec)))
+
+    def action(self, action: np.int64) -> NDArray[np.float32]:
+        """The wrapped environment's action, shape (n_joints,), for a number."""
+        if not self.action_space.contains(action):
+            raise ValueError(f"action {action!r}; it must be an integer from 0 to {self._n_actions - 1}")
+        return self._values[self.levels_of(int(action)), self._joints]

@@ -1,0 +1,74 @@
+"""Composite image and blobs against plain OpenCV and hand-made pictures."""
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.composite import composite
+from sb3_stereo.envs.markers import MIN_PIXELS, find_blobs
+
+Image = NDArray[np.uint8]
+
+
+def picture() -> Image:
+    return np.full((240, 320, 3), 255, np.uint8)
+
+
+def luminance(frame: Image) -> Image:
+    """The paper's words in plain OpenCV."""
+    return cv2.cvtColor(cv2.resize(frame, (84, 42)), cv2.COLOR_RGB2YUV)[:, :, 0]  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_composite_is_plain_opencv_on_random_frames(channels: int) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        frames = rng.integers(0, 256, (2, 240, 320, channels), dtype=np.uint8)
+        expected = np.vstack([luminance(np.ascontiguousarray(frame[:, :, :3])) for frame in frames])
+        np.testing.assert_array_equal(composite(frames), expected[None])
+
+
+def test_views_are_stacked_in_camera_order() -> None:
+    black, white = np.zeros((240, 320, 3), np.uint8), picture()
+    image = composite([black, white, black])
+    assert image.shape == (1, 126, 84)
+    assert (image[0, :42].max(), image[0, 42:84].min(), image[0, 84:].max()) == (0, 255, 0)
+
+
+def test_centroids_are_the_mean_pixels() -> None:
+    frame = picture()
+    frame[10:20, 30:51] = (200, 0, 0)
+    frame[100:103, 200:205] = (0, 0, 220)
+    blobs = find_blobs(frame)
+    np.testing.assert_allclose(blobs.end_effector, (40.0, 14.5))
+    np.testing.assert_allclose(blobs.target, (202.0, 101.0))
+    assert blobs.distance == pytest.approx(np.hypot(162.0, 86.5))
+
+
+def test_a_marker_of_too_few_pixels_is_undefined() -> None:
+    frame = picture()
+    frame[0, : MIN_PIXELS - 1] = (255, 0, 0)
+    frame[5:9, 5:9] = (0, 0, 255)
+    blobs = find_blobs(frame)
+    assert np.isnan(blobs.end_effector).all() and np.isfinite(blobs.target).all()
+    assert np.isnan(blobs.distance)
+    frame[0, MIN_PIXELS - 1] = (255, 0, 0)
+    assert np.isfinite(find_blobs(frame).distance)
+
+
+def test_no_grey_is_a_marker() -> None:
+    greys = np.repeat(np.arange(256, dtype=np.uint8), 3).reshape(16, 16, 3)
+    blobs = find_blobs(greys)
+    assert np.isnan(blobs.end_effector).all() and np.isnan(blobs.target).all()
+
+
+def test_swapping_red_and_blue_swaps_the_markers() -> None:
+    rng = np.random.default_rng(1)
+    frame = picture()
+    for colour in ((230, 20, 10), (10, 20, 230)):
+        y, x = rng.integers(0, 200, 2)
+        frame[y : y + 12, x : x + 9] = colour
+    blobs, swapped = find_blobs(frame), find_blobs(np.ascontiguousarray(frame[:, :, ::-1]))
+    np.testing.assert_array_equal(blobs.end_effector, swapped.target)
+    np.testing.assert_array_equal(blobs.target, swapped.end_effector)
