@@ -1,0 +1,186 @@
+"""Features extractors: a small convolutional net over the composite image, with the paper's choices as arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+INPUT_NORMS = ("channel", "pixel", "none")
+HIDDEN_NORMS = ("batch", "layer", "none")
+INITS = ("fan_in", "orthogonal", "xavier")
+
+
+def check_choice(name: str, value: str, choices: Sequence[str]) -> None:
+    """Raise a ValueError that lists the choices unless `value` is one of them."""
+    if value not in choices:
+        raise ValueError(f"unknown {name} {value!r}; choices are {', '.join(choices)}")
+
+
+def initialise(module: nn.Module, init: str) -> None:
+    """Draw the weights and biases of every convolution and linear layer inside `module`.
+
+    Args:
+        module: Changed in place.
+        init: "fan_in" is U(+-1/sqrt(fan_in)) for weights and biases (the paper's Section 5), "orthogonal" has gain
+            sqrt(2) and "xavier" is Glorot's uniform one, both with zero biases.
+    """
+    check_choice("init", init, INITS)
+    for layer in module.modules():
+        if not isinstance(layer, nn.Conv2d | nn.Linear):
+            continue
+        bound = layer.weight[0].numel() ** -0.5 if init == "fan_in" else 0.0
+        if init == "orthogonal":
+            nn.init.orthogonal_(layer.weight, gain=2**0.5)
+        elif init == "xavier":
+            nn.init.xavier_uniform_(layer.weight)
+        else:
+            nn.init.uniform_(layer.weight, -bound, bound)
+        if layer.bias is not None:
+            nn.init.uniform_(layer.bias, -bound, bound)
+
+
+class PixelNorm(nn.Module):
+    """Normalise each pixel by its own running mean and variance, then clip.
+
+    The paper calls the state a 7056-vector (Section 3.2), and this is batch normalisation of that vector without the
+    affine part: the static background goes to zero and what moves stands out.
+
+    The running statistics normalise in training mode too (after the batch has updated them), so training and
+    evaluation agree. They are updated only by passes in training mode *with gradients enabled*, that is once per
+    gradient step, by the pass that trains the encoder; SB3's gradient-free passes leave them alone. The first batch
+    replaces the initial values and the next ones are averaged evenly until an update weighs `momentum`.
+
+    Args:
+        shape: Of one image, (channels, height, width).
+        momentum: Smallest weight of a new batch in the running statistics.
+        eps: Added to the variance; 1e-2 is a standard deviation of 0.1 on images in [0, 1].
+        clip: Largest absolute output.
+    """
+
+    running_mean: th.Tensor  # names with "running_" are what SB3 copies to the target networks
+    running_var: th.Tensor
+    num_batches_tracked: th.Tensor
+
+    def __init__(self, shape: Sequence[int], momentum: float = 0.02, eps: float = 1e-2, clip: float = 5.0) -> None:
+        super().__init__()
+        self.momentum, self.eps, self.clip = momentum, eps, clip
+        self.register_buffer("running_mean", th.zeros(*shape))
+        self.register_buffer("running_var", th.ones(*shape))
+        self.register_buffer("num_batches_tracked", th.tensor(0))
+
+    def forward(self, images: th.Tensor) -> th.Tensor:
+        """Map images (batch, channels, height, width) to the same shape, in [-clip, clip]."""
+        if self.training and th.is_grad_enabled():
+            self._update(images)
+        normalised = (images - self.running_mean) * (self.running_var + self.eps).rsqrt()
+        return normalised.clamp(-self.clip, self.clip)
+
+    @th.no_grad()
+    def _update(self, images: th.Tensor) -> None:
+        self.num_batches_tracked += 1
+        weight = (1.0 / self.num_batches_tracked).clamp(min=self.momentum)
+        mean = images.mean(dim=0)
+        var = (images - mean).square().mean(dim=0)  # five times faster than th.var_mean over dim 0
+        self.running_mean.lerp_(mean, weight)
+        self.running_var.lerp_(var, weight)
+
+
+class StereoCnn(BaseFeaturesExtractor):
+    """Convolutions and one fully connected layer over one image that holds all views (the paper's Section 4.2).
+
+    Args:
+        observation_space: Images (channels, height, width).
+        features_dim: Size of the fully connected layer; None leaves it out and returns the flattened convolutions.
+        n_filters: Per convolution, or one number for all of them.
+        kernel_sizes: One per convolution; the paper leaves them open.
+        strides: One per convolution.
+        input_norm: "channel" is batch normalisation per image channel, "pixel" is `PixelNorm`, or "none".
+        hidden_norm: "batch" follows every layer, "layer" only the fully connected one, or "none".
+        init: "fan_in" (the paper's DDPG), "orthogonal" or "xavier" (the paper's DQN); see `initialise`.
+        autocast: Compute the convolutions in bfloat16; the features stay float32.
+
+    Raises:
+        ValueError: If the space holds no (channels, height, width) images, a choice is unknown or the per-layer
+            lists differ in length.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Box,
+        features_dim: int | None = 200,
+        n_filters: int | Sequence[int] = 32,
+        kernel_sizes: Sequence[int] = (8, 4, 3),
+        strides: Sequence[int] = (4, 2, 1),
+        input_norm: str = "channel",
+        hidden_norm: str = "batch",
+        init: str = "fan_in",
+        autocast: bool = False,
+    ) -> None:
+        shape = observation_space.shape
+        if len(shape) != 3:
+            raise ValueError(f"StereoCnn needs images of shape (channels, height, width), got {shape}")
+        check_choice("input_norm", input_norm, INPUT_NORMS)
+        check_choice("hidden_norm", hidden_norm, HIDDEN_NORMS)
+        convs = _make_convs(shape[0], n_filters, kernel_sizes, strides, batch_norm=hidden_norm == "batch")
+        flat_dim = _flat_dim(convs, shape)
+        super().__init__(observation_space, features_dim or flat_dim)
+        self.autocast = autocast
+        self.input_norm = _make_input_norm(input_norm, shape)
+        self.convs = convs
+        self.fc = nn.Sequential()
+        if features_dim is not None:
+            norms = [norm(features_dim) for norm in hidden_norm_layers(hidden_norm)]
+            self.fc = nn.Sequential(nn.Linear(flat_dim, features_dim), *norms, nn.ReLU())
+        initialise(self, init)
+        self.convs.to(memory_format=th.channels_last)  # type: ignore[call-overload]  # faster on CPUs
+
+    def forward(self, observations: th.Tensor) -> th.Tensor:
+        """Map images (batch, channels, height, width) in [0, 1] to features (batch, features_dim)."""
+        images = self.input_norm(observations).contiguous(memory_format=th.channels_last)
+        with th.autocast(images.device.type, dtype=th.bfloat16, enabled=self.autocast):
+            maps = self.convs(images)  # (batch, filters, rows, columns)
+        features: th.Tensor = self.fc(maps.float().flatten(start_dim=1))
+        return features
+
+
+def hidden_norm_layers(hidden_norm: str) -> list[type[nn.Module]]:
+    """Return the module that follows a fully connected layer, as the list that SB3's `create_mlp` takes."""
+    check_choice("hidden_norm", hidden_norm, HIDDEN_NORMS)
+    layers: dict[str, list[type[nn.Module]]] = {"batch": [nn.BatchNorm1d], "layer": [nn.LayerNorm], "none": []}
+    return layers[hidden_norm]
+
+
+def _make_input_norm(input_norm: str, shape: Sequence[int]) -> nn.Module:
+    if input_norm == "pixel":
+        return PixelNorm(shape)
+    # Without the affine part, which the first convolution has anyway: it would cost that layer's input gradient.
+    return nn.BatchNorm2d(shape[0], affine=False) if input_norm == "channel" else nn.Identity()
+
+
+def _make_convs(
+    channels: int, n_filters: int | Sequence[int], kernel_sizes: Sequence[int], strides: Sequence[int], batch_norm: bool
+) -> nn.Sequential:
+    filters = [n_filters] * len(kernel_sizes) if isinstance(n_filters, int) else list(n_filters)
+    if not len(filters) == len(kernel_sizes) == len(strides):
+        raise ValueError(
+            "n_filters, kernel_sizes and strides need one entry per convolution, "
+            f"got {len(filters)}, {len(kernel_sizes)} and {len(strides)}"
+        )
+    layers: list[nn.Module] = []
+    for fan, out, kernel, stride in zip([channels, *filters], filters, kernel_sizes, strides):
+        norms = [nn.BatchNorm2d(out)] if batch_norm else []
+        layers += [nn.Conv2d(fan, out, kernel, stride), *norms, nn.ReLU()]
+    return nn.Sequential(*layers)
+
+
+def _flat_dim(convs: nn.Sequential, shape: Sequence[int]) -> int:
+    """Count the outputs with a dry pass, in evaluation mode: a training pass would enter the running statistics."""
+    convs.eval()
+    with th.no_grad():
+        flat_dim = convs(th.zeros(1, *shape)).numel()
+    convs.train()
+    return int(flat_dim)

@@ -1,0 +1,170 @@
+"""Actor and critic networks: fully connected heads on an encoder, initialised as in the paper."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.policies import ContinuousCritic
+from stable_baselines3.common.preprocessing import get_action_dim
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
+from stable_baselines3.common.type_aliases import PyTorchObs
+from stable_baselines3.td3.policies import Actor
+from torch import nn
+
+from sb3_stereo.extractors import hidden_norm_layers, initialise
+from sb3_stereo.sharing import FeatureMemo
+
+
+def _uniform(layer: nn.Module, bound: float) -> None:
+    for parameter in layer.parameters():
+        nn.init.uniform_(parameter, -bound, bound)
+
+
+class StereoActor(Actor):
+    """Encoder, fully connected hidden layers with normalisation, tanh. Trained by the actor's loss only.
+
+    Args:
+        args: As in SB3's `Actor`.
+        hidden_norm: Of the hidden layers: "batch", "layer" or "none".
+        final_init: The output layer starts in U(+-final_init).
+        kwargs: As in SB3's `Actor`.
+    """
+
+    def __init__(self, *args: Any, hidden_norm: str = "batch", final_init: float = 3e-4, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.hidden_norm, self.final_init = hidden_norm, final_init
+        self.memo: FeatureMemo | None = None
+        layers = create_mlp(
+            self.features_dim,
+            get_action_dim(self.action_space),
+            self.net_arch,
+            self.activation_fn,
+            squash_output=True,
+            post_linear_modules=hidden_norm_layers(hidden_norm),
+        )
+        self.mu = nn.Sequential(*layers)
+        initialise(self.mu, "fan_in")
+        _uniform(self.mu[-2], final_init)
+
+    def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor) -> th.Tensor:
+        """Return features (batch, features_dim), remembered and detached if the encoder is the critic's."""
+        compute = partial(super().extract_features, obs, features_extractor)
+        if self.memo is None:
+            return compute()
+        assert isinstance(obs, th.Tensor)
+        with th.no_grad():
+            return self.memo(obs, compute)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        data = super()._get_constructor_parameters()
+        return {**data, "hidden_norm": self.hidden_norm, "final_init": self.final_init}
+
+
+class QHead(nn.Module):
+    """Q(features, action); the action joins after the first hidden layer, the only one that is normalised."""
+
+    def __init__(
+        self,
+        features_dim: int,
+        action_dim: int,
+        net_arch: list[int],
+        activation_fn: type[nn.Module],
+        hidden_norm: str,
+        final_init: float,
+    ) -> None:
+        super().__init__()
+        norms = hidden_norm_layers(hidden_norm)
+        before = create_mlp(features_dim, 0, net_arch[:1], activation_fn, post_linear_modules=norms)
+        after = create_mlp(net_arch[0] + action_dim, 1, net_arch[1:], activation_fn)
+        self.before, self.after = nn.Sequential(*before), nn.Sequential(*after)
+        initialise(self, "fan_in")
+        _uniform(self.after[-1], final_init)
+
+    def forward(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """Map features (batch, features_dim) and actions (batch, action_dim) to values (batch, 1)."""
+        return self.join(self.before(features), actions)
+
+    def join(self, hidden: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """Map the first hidden layer (batch, net_arch[0]) and actions (batch, action_dim) to values (batch, 1)."""
+        values: th.Tensor = self.after(th.cat([hidden, actions], dim=1))
+        return values
+
+
+class StereoCritic(ContinuousCritic):
+    """`n_critics` heads on one encoder, which only the critic's loss trains.
+
+    As in SB3, the actor's update runs the critic in training mode, so batch normalisation in a critic sees two batches
+    per gradient step (`PixelNorm` sees one).
+
+    Args:
+        observation_space: Images.
+        action_space: Box.
+        net_arch: Hidden layers of a head; the action joins after the first.
+        features_extractor: The encoder.
+        features_dim: Size of its output.
+        activation_fn: Of the hidden layers.
+        normalize_images: As in SB3.
+        n_critics: Number of heads.
+        share_features_extractor: As in SB3, always False here.
+        hidden_norm: Of the layer before the action joins: "batch", "layer" or "none".
+        final_init: The output layers start in U(+-final_init).
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Box,
+        net_arch: list[int],
+        features_extractor: BaseFeaturesExtractor,
+        features_dim: int,
+        activation_fn: type[nn.Module] = nn.ReLU,
+        normalize_images: bool = True,
+        n_critics: int = 2,
+        share_features_extractor: bool = False,
+        hidden_norm: str = "batch",
+        final_init: float = 3e-4,
+    ) -> None:
+        if not net_arch:
+            raise ValueError("the critic needs at least one hidden layer in net_arch: the action joins after the first")
+        super().__init__(
+            observation_space,
+            action_space,
+            net_arch,
+            features_extractor,
+            features_dim,
+            activation_fn,
+            normalize_images,
+            n_critics=0,  # SB3's heads take the action at their input; ours follow
+            share_features_extractor=share_features_extractor,
+        )
+        self.n_critics = n_critics
+        self.memo: FeatureMemo | None = None
+        action_dim = get_action_dim(action_space)
+        for index in range(n_critics):
+            head = QHead(features_dim, action_dim, net_arch, activation_fn, hidden_norm, final_init)
+            self.add_module(f"qf{index}", head)
+            self.q_networks.append(head)
+
+    def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor) -> th.Tensor:
+        """Return features (batch, features_dim), remembered where no gradient is wanted and the actor shares them."""
+        compute = partial(super().extract_features, obs, features_extractor)
+        if self.memo is None:
+            return compute()
+        assert isinstance(obs, th.Tensor)
+        return self.memo(obs, compute)
+
+    def forward(self, obs: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
+        """Return one tensor of values (batch, 1) per head."""
+        features = self.extract_features(obs, self.features_extractor)
+        return tuple(head(features, actions) for head in self.q_networks)
+
+    def q1_forward(self, obs: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """Return the first head's values (batch, 1), with gradient to the actions only up to where they join."""
+        head = self.q_networks[0]
+        assert isinstance(head, QHead)
+        with th.no_grad():
+            hidden = head.before(self.extract_features(obs, self.features_extractor))
+        return head.join(hidden, actions)

@@ -1,0 +1,223 @@
+"""Policies for SB3's own DDPG, TD3 and DQN on stereo images; every argument can be written in YAML."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch as th
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import Schedule
+from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
+from stable_baselines3.td3.policies import TD3Policy
+from torch import nn
+
+from sb3_stereo.extractors import INITS, StereoCnn, check_choice, initialise
+from sb3_stereo.networks import StereoActor, StereoCritic
+from sb3_stereo.optim import ScaledAdam
+from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
+
+# The network of Mnih et al. 2015, which the paper's DQN takes over (Section 4.2) with Xavier weights (Section 5).
+NATURE_CNN = {
+    "features_dim": 512,
+    "n_filters": [32, 64, 64],
+    "input_norm": "none",
+    "hidden_norm": "none",
+    "init": "xavier",
+}
+
+
+class StereoDDPGPolicy(TD3Policy):
+    """Actor and critic of SB3's DDPG and TD3 on images. The defaults are the paper's networks (Sections 4.2 and 5).
+
+    Convolutions are followed by fully connected layers, and the action joins the critic after the first of them (as
+    in Lillicrap et al., the paper's [14]). Hidden layers start in U(+-1/sqrt(fan_in)).
+
+    Args:
+        observation_space: Images (channels, height, width), uint8.
+        action_space: Box in [-1, 1].
+        lr_schedule: Of the actor, and of the critic too unless `qf_learning_rate` is given.
+        net_arch: Sizes of the fully connected hidden layers, as in SB3. None means [200, 200].
+        activation_fn: As in SB3.
+        features_extractor_class: `StereoCnn` or a subclass.
+        features_extractor_kwargs: For `StereoCnn`, without features_dim and hidden_norm, which this class sets.
+        normalize_images: As in SB3.
+        optimizer_class: `ScaledAdam` or one with its arguments.
+        optimizer_kwargs: As in SB3, for both optimizers.
+        n_critics: Heads on the critic's encoder; their minimum is the target.
+        share_features_extractor: Must be False; see `shared_encoder`.
+        shared_encoder: One encoder, trained by the critic's loss; the actor sees it detached (as in DrQ-v2). False
+            gives the actor its own, trained by the actor's loss.
+        actor_hidden_norm: Follows the actor's hidden layers (and its own convolutions if "batch"): "batch", "layer"
+            or "none".
+        critic_hidden_norm: The same for the critic and its encoder, up to where the action joins.
+        qf_learning_rate: The critic's at the start; it follows the schedule in proportion. None means the actor's.
+        actor_weight_decay: L2 in the actor's Adam (Table 1); the critic has none.
+        final_init: The output layers start in U(+-final_init).
+
+    Raises:
+        ValueError: If a choice is unknown or an argument contradicts another.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        net_arch: list[int] | dict[str, list[int]] | None = None,
+        activation_fn: type[nn.Module] = nn.ReLU,
+        features_extractor_class: type[BaseFeaturesExtractor] = StereoCnn,
+        features_extractor_kwargs: dict[str, Any] | None = None,
+        normalize_images: bool = True,
+        optimizer_class: type[th.optim.Optimizer] = ScaledAdam,
+        optimizer_kwargs: dict[str, Any] | None = None,
+        n_critics: int = 2,
+        share_features_extractor: bool = False,
+        *,
+        shared_encoder: bool = False,
+        actor_hidden_norm: str = "batch",
+        critic_hidden_norm: str = "batch",
+        qf_learning_rate: float | None = None,
+        actor_weight_decay: float = 1e-2,
+        final_init: float = 3e-4,
+    ) -> None:
+        if share_features_extractor:
+            raise ValueError(
+                "share_features_extractor=True would train the encoder by the actor's loss; "
+                "use shared_encoder=True, where the critic's loss trains it"
+            )
+        set_here = {"features_dim": "net_arch", "hidden_norm": "actor_hidden_norm and critic_hidden_norm"}
+        for key in set_here.keys() & (features_extractor_kwargs or {}):
+            raise ValueError(f"features_extractor_kwargs cannot set {key!r} in this policy; use {set_here[key]}")
+        self.shared_encoder = shared_encoder
+        self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
+        self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
+        self.final_init = final_init
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            [200, 200] if net_arch is None else net_arch,
+            activation_fn,
+            features_extractor_class,
+            features_extractor_kwargs,
+            normalize_images,
+            optimizer_class,
+            optimizer_kwargs,
+            n_critics,
+            share_features_extractor,
+        )
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        self.actor, self.critic = self._make_pair()
+        self.actor_target, self.critic_target = self._make_pair()
+        self.actor_target.load_state_dict(self.actor.state_dict())
+        self.critic_target.load_state_dict(self.critic.state_dict())
+        self.actor_target.set_training_mode(False)
+        self.critic_target.set_training_mode(False)
+        self._make_optimizers(lr_schedule(1))
+
+    def _make_pair(self) -> tuple[StereoActor, StereoCritic]:
+        critic = self.make_critic()
+        if not self.shared_encoder:
+            return self.make_actor(), critic
+        actor = self.make_actor(BorrowedEncoder(critic.features_extractor))
+        actor.memo = critic.memo = FeatureMemo(critic.features_extractor)
+        return actor, critic
+
+    def _make_optimizers(self, learning_rate: float) -> None:
+        optimizer: Any = self.optimizer_class
+        actor_kwargs = {"weight_decay": self.actor_weight_decay, **self.optimizer_kwargs}
+        critic_kwargs = dict(self.optimizer_kwargs)
+        # A policy loaded by itself gets SB3's dummy schedule, which is 0.
+        if self.qf_learning_rate is not None and learning_rate > 0:
+            critic_kwargs["lr_ratio"] = self.qf_learning_rate / learning_rate
+        self.actor.optimizer = optimizer(self.actor.parameters(), lr=learning_rate, **actor_kwargs)
+        self.critic.optimizer = optimizer(self.critic.parameters(), lr=learning_rate, **critic_kwargs)
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> StereoActor:
+        """Return a new actor, with its own encoder if none is given."""
+        encoder = features_extractor or self._make_encoder(self.actor_hidden_norm)
+        kwargs = self._update_features_extractor(self.actor_kwargs, encoder)
+        return StereoActor(**kwargs, hidden_norm=self.actor_hidden_norm, final_init=self.final_init).to(self.device)
+
+    def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> StereoCritic:
+        """Return a new critic, with its own encoder if none is given."""
+        encoder = features_extractor or self._make_encoder(self.critic_hidden_norm)
+        kwargs = self._update_features_extractor(self.critic_kwargs, encoder)
+        return StereoCritic(**kwargs, hidden_norm=self.critic_hidden_norm, final_init=self.final_init).to(self.device)
+
+    def _make_encoder(self, hidden_norm: str) -> BaseFeaturesExtractor:
+        kwargs = {**self.features_extractor_kwargs, "features_dim": None, "hidden_norm": hidden_norm}
+        return self.features_extractor_class(self.observation_space, **kwargs)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {
+            **super()._get_constructor_parameters(),
+            "shared_encoder": self.shared_encoder,
+            "actor_hidden_norm": self.actor_hidden_norm,
+            "critic_hidden_norm": self.critic_hidden_norm,
+            "qf_learning_rate": self.qf_learning_rate,
+            "actor_weight_decay": self.actor_weight_decay,
+            "final_init": self.final_init,
+        }
+
+
+class StereoDQNPolicy(DQNPolicy):
+    """Q-network of SB3's DQN on images. The defaults are the paper's: the Nature-2015 net with Xavier weights.
+
+    Args:
+        observation_space: Images (channels, height, width), uint8.
+        action_space: Discrete.
+        lr_schedule: As in SB3.
+        net_arch: Hidden layers between the features and the output. None means none.
+        activation_fn: As in SB3.
+        features_extractor_class: `StereoCnn` or a subclass.
+        features_extractor_kwargs: For `StereoCnn`; what is left out is `NATURE_CNN`'s.
+        normalize_images: As in SB3.
+        optimizer_class: As in SB3; Adam, fused.
+        optimizer_kwargs: As in SB3.
+        head_init: Of the layers after the features: "fan_in", "orthogonal" or "xavier".
+
+    Raises:
+        ValueError: If a choice is unknown.
+    """
+
+    def __init__(
+        self,
+        observation_space: spaces.Space[Any],
+        action_space: spaces.Discrete,
+        lr_schedule: Schedule,
+        net_arch: list[int] | None = None,
+        activation_fn: type[nn.Module] = nn.ReLU,
+        features_extractor_class: type[BaseFeaturesExtractor] = StereoCnn,
+        features_extractor_kwargs: dict[str, Any] | None = None,
+        normalize_images: bool = True,
+        optimizer_class: type[th.optim.Optimizer] = ScaledAdam,
+        optimizer_kwargs: dict[str, Any] | None = None,
+        *,
+        head_init: str = "xavier",
+    ) -> None:
+        check_choice("head_init", head_init, INITS)
+        self.head_init = head_init
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            [] if net_arch is None else net_arch,
+            activation_fn,
+            features_extractor_class,
+            {**NATURE_CNN, **(features_extractor_kwargs or {})},
+            normalize_images,
+            optimizer_class,
+            optimizer_kwargs,
+        )
+
+    def make_q_net(self) -> QNetwork:
+        """Return a new Q-network."""
+        q_net = super().make_q_net()
+        initialise(q_net.q_net, self.head_init)
+        return q_net
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "head_init": self.head_init}

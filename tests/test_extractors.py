@@ -1,0 +1,250 @@
+"""Laws of the features extractor, its normalisation and the memo."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+from functools import partial
+
+import numpy as np
+import pytest
+import torch as th
+from fake_env import FakeImageEnv
+from gymnasium import spaces
+from stable_baselines3.common.utils import polyak_update
+from torch import nn
+
+from sb3_stereo.extractors import PixelNorm, StereoCnn, initialise
+from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
+
+SPACE = FakeImageEnv().observation_space
+
+
+def images(n: int = 6, shape: tuple[int, ...] = (1, 36, 36), seed: int = 0) -> th.Tensor:
+    return th.rand(n, *shape, generator=th.Generator().manual_seed(seed))
+
+
+def small_cnn(**kwargs) -> StereoCnn:
+    return StereoCnn(SPACE, **{"features_dim": 12, "n_filters": 6, **kwargs})
+
+
+@pytest.mark.parametrize("shape", [(1, 84, 84), (1, 36, 36), (2, 36, 44), (3, 60, 36)])
+@pytest.mark.parametrize("features_dim", [12, None])
+def test_features_have_the_announced_size_for_any_image(shape, features_dim):
+    cnn = StereoCnn(spaces.Box(0, 255, shape, np.uint8), features_dim, n_filters=4)
+    assert cnn(images(shape=shape)).shape == (6, cnn.features_dim)
+
+
+@pytest.mark.parametrize("input_norm", ["channel", "pixel", "none"])
+@pytest.mark.parametrize("hidden_norm", ["batch", "layer", "none"])
+@pytest.mark.parametrize("init", ["fan_in", "orthogonal", "xavier"])
+def test_gradients_reach_every_cameras_half_of_the_composite(input_norm, hidden_norm, init):
+    cnn = small_cnn(input_norm=input_norm, hidden_norm=hidden_norm, init=init)
+    observations = images().requires_grad_()
+    (cnn(observations) * images(6, (12,))).sum().backward()
+    assert observations.grad is not None
+    upper, lower = observations.grad[:, :, :18], observations.grad[:, :, 18:]
+    assert upper.abs().sum() > 0 and lower.abs().sum() > 0
+
+
+def test_construction_leaves_the_running_statistics_clean():
+    for module in small_cnn(features_dim=None).modules():
+        if isinstance(module, nn.BatchNorm2d):
+            assert module.running_mean.eq(0).all() and module.running_var.eq(1).all()
+            assert module.num_batches_tracked == 0
+
+
+def test_hidden_norm_says_which_layers_are_normalised():
+    def norms(hidden_norm: str) -> list[type]:
+        modules = small_cnn(input_norm="none", hidden_norm=hidden_norm).modules()
+        return [type(m) for m in modules if isinstance(m, nn.BatchNorm1d | nn.BatchNorm2d | nn.LayerNorm)]
+
+    assert norms("batch") == [nn.BatchNorm2d] * 3 + [nn.BatchNorm1d]
+    assert norms("layer") == [nn.LayerNorm]
+    assert norms("none") == []
+
+
+def test_fan_in_initialisation_fills_its_bounds():
+    layer = nn.Conv2d(8, 32, 4)
+    initialise(layer, "fan_in")
+    bound = (8 * 4 * 4) ** -0.5
+    assert 0.95 * bound < layer.weight.abs().max() <= bound
+    assert 0.5 * bound < layer.bias.abs().max() <= bound
+
+
+def test_orthogonal_initialisation_is_orthogonal_with_gain_root_two():
+    layer = nn.Linear(20, 8)
+    initialise(layer, "orthogonal")
+    th.testing.assert_close(layer.weight @ layer.weight.T, 2 * th.eye(8), atol=1e-5, rtol=0)
+    assert layer.bias.eq(0).all()
+
+
+def test_xavier_initialisation_fills_its_bounds():
+    layer = nn.Linear(200, 100)
+    initialise(layer, "xavier")
+    bound = (6 / 300) ** 0.5
+    assert 0.95 * bound < layer.weight.abs().max() <= bound
+    assert layer.bias.eq(0).all()
+
+
+def test_filters_may_differ_by_layer():
+    cnn = StereoCnn(SPACE, 12, n_filters=[3, 5, 7])
+    assert [layer.out_channels for layer in cnn.convs if isinstance(layer, nn.Conv2d)] == [3, 5, 7]
+
+
+def test_autocast_gives_nearly_the_same_float32_features():
+    cnn = small_cnn(input_norm="pixel", hidden_norm="layer")
+    exact = cnn(images())
+    cnn.autocast = True
+    fast = cnn(images())
+    assert fast.dtype == th.float32
+    assert not th.equal(fast, exact)
+    th.testing.assert_close(fast, exact, atol=0.05, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"input_norm": "pixle"}, "unknown input_norm 'pixle'; choices are channel, pixel, none"),
+        ({"hidden_norm": "bn"}, "unknown hidden_norm 'bn'; choices are batch, layer, none"),
+        ({"init": "he"}, "unknown init 'he'; choices are fan_in, orthogonal, xavier"),
+        (
+            {"n_filters": [4, 4]},
+            "n_filters, kernel_sizes and strides need one entry per convolution, got 2, 3 and 3",
+        ),
+    ],
+)
+def test_wrong_settings_are_refused_with_the_choices(kwargs, message):
+    with pytest.raises(ValueError) as error:
+        small_cnn(**kwargs)
+    assert str(error.value) == message
+
+
+def test_vectors_are_refused():
+    with pytest.raises(ValueError) as error:
+        StereoCnn(spaces.Box(0, 255, (84, 84), np.uint8))
+    assert str(error.value) == "StereoCnn needs images of shape (channels, height, width), got (84, 84)"
+
+
+def test_pixel_norm_starts_from_the_first_batch():
+    norm, batch = PixelNorm((1, 4, 4)), images(8, (1, 4, 4))
+    norm(batch)
+    th.testing.assert_close(norm.running_mean, batch.mean(0))
+    th.testing.assert_close(norm.running_var, batch.var(0, correction=0))
+
+
+def test_pixel_norm_averages_evenly_and_then_with_its_momentum():
+    norm = PixelNorm((1, 4, 4), momentum=0.25)
+    batches = [images(8, (1, 4, 4), seed) for seed in range(5)]
+    for batch in batches[:4]:
+        norm(batch)
+    mean = th.stack([batch.mean(0) for batch in batches[:4]]).mean(0)
+    th.testing.assert_close(norm.running_mean, mean)
+    norm(batches[4])
+    th.testing.assert_close(norm.running_mean, 0.75 * mean + 0.25 * batches[4].mean(0))
+
+
+def test_pixel_norm_agrees_in_training_and_evaluation():
+    norm, batch = PixelNorm((1, 4, 4)), images(8, (1, 4, 4))
+    trained = norm(batch)
+    assert th.equal(trained, norm.eval()(batch))
+
+
+def test_pixel_norm_learns_only_from_passes_that_train():
+    norm, batch = PixelNorm((1, 4, 4)), images(8, (1, 4, 4))
+    with th.no_grad():
+        norm(batch)
+    norm.eval()(batch)
+    assert norm.num_batches_tracked == 0 and norm.running_mean.eq(0).all()
+
+
+def test_pixel_norm_removes_a_static_background_and_clips():
+    norm = PixelNorm((1, 4, 4))
+    background = images(1, (1, 4, 4)).repeat(8, 1, 1, 1)
+    assert norm(background).abs().max() < 1e-5
+    assert norm.eval()(background + 100).eq(5.0).all()
+
+
+class CountedEncoder(StereoCnn):
+    passes = 0
+
+    def forward(self, observations: th.Tensor) -> th.Tensor:
+        self.passes += 1
+        return super().forward(observations)
+
+
+def counted(**kwargs) -> tuple[CountedEncoder, FeatureMemo]:
+    encoder = CountedEncoder(
+        SPACE, None, n_filters=4, **{"input_norm": "pixel", "hidden_norm": "layer", **kwargs}
+    ).eval()
+    return encoder, FeatureMemo(encoder)
+
+
+@th.no_grad()
+def test_memo_computes_the_same_tensor_once():
+    encoder, memo = counted()
+    observations = images()
+    first = memo(observations, lambda: encoder(observations))
+    assert memo(observations, lambda: encoder(observations)) is first
+    assert encoder.passes == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda encoder, observations: encoder.convs[0].weight.mul_(2),
+        lambda encoder, observations: polyak_update([th.ones(4)], [encoder.convs[0].bias], 0.5),  # writes to .data
+        lambda encoder, observations: encoder.input_norm.running_mean.add_(1),
+        lambda encoder, observations: observations.mul_(2),
+        lambda encoder, observations: encoder.train(),
+    ],
+    ids=["weights", "polyak", "statistics", "observations", "mode"],
+)
+@th.no_grad()
+def test_memo_sees_every_change(change):
+    encoder, memo = counted()
+    observations = images()
+    memo(observations, lambda: encoder(observations))
+    change(encoder, observations)
+    assert th.equal(memo(observations, lambda: encoder(observations)), encoder(observations))
+    assert encoder.passes == 3
+
+
+@th.no_grad()
+def test_memo_never_spares_batch_norm_a_training_pass():
+    encoder, memo = counted(hidden_norm="batch")
+    encoder.train()
+    observations = images()
+    for _ in range(2):
+        memo(observations, lambda: encoder(observations))
+    assert encoder.passes == 2
+
+
+def test_memo_stands_aside_where_a_gradient_is_wanted():
+    encoder, memo = counted()
+    observations = images()
+    for _ in range(2):
+        assert memo(observations, lambda: encoder(observations)).requires_grad
+    assert encoder.passes == 2
+
+
+@th.no_grad()
+def test_memo_lets_go_with_the_observations_and_copies_start_empty():
+    encoder, memo = counted()
+    observations = images()
+    memo(observations, partial(encoder, observations))
+    assert memo._entry is not None
+    assert copy.deepcopy(memo)._entry is None
+    assert pickle.loads(pickle.dumps(memo))._entry is None
+    del observations
+    gc.collect()
+    assert memo._entry is None
+
+
+def test_borrowed_encoder_owns_nothing_and_passes_no_gradient():
+    encoder, _ = counted()
+    borrowed = BorrowedEncoder(encoder)
+    assert not list(borrowed.parameters()) and not borrowed.state_dict()
+    features = borrowed(images())
+    assert not features.requires_grad and th.equal(features, encoder(images()))
