@@ -69,10 +69,17 @@ class CameraSpec:
 
     @property
     def projection_matrix(self) -> tuple[float, ...]:
-        """Camera to clip space, 16 numbers in OpenGL's order."""
+        """Camera to clip space, 16 numbers in OpenGL's order.
+
+        TinyRenderer samples a pixel at its lower left corner. Half a pixel's shift puts the sample in the middle, so
+        that mirrored cameras see mirrored pictures.
+        """
         aspect = self.width / self.height
         vertical_fov = 2 * math.atan(math.tan(self.horizontal_fov / 2) / aspect)
-        return tuple(pybullet.computeProjectionMatrixFOV(math.degrees(vertical_fov), aspect, self.near, self.far))
+        matrix = list(pybullet.computeProjectionMatrixFOV(math.degrees(vertical_fov), aspect, self.near, self.far))
+        matrix[8] += 1 / self.width  # times z, which w is the negative of
+        matrix[9] += 1 / self.height
+        return tuple(matrix)
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where world points appear in the frame.
@@ -81,14 +88,13 @@ class CameraSpec:
             points: Shape (..., 3), in [m], world.
 
         Returns:
-            Pixel coordinates (x right, y down, (0, 0) the first pixel) as TinyRenderer draws, which samples a
-            pixel at its lower left corner and not in its middle; shape (..., 2).
+            Pixel coordinates (x right, y down, (0, 0) the middle of the first pixel), shape (..., 2).
         """
         matrix = np.reshape(self.projection_matrix, (4, 4)).T @ np.reshape(self.view_matrix, (4, 4)).T
         homogeneous = np.concatenate([points, np.ones_like(points[..., :1])], axis=-1) @ matrix.T
         device = homogeneous[..., :2] / homogeneous[..., 3:]  # in [-1, 1], y up
-        corner = (np.array([1.0, -1.0]) * device + 1.0) / 2 * np.array([self.width, self.height])
-        return np.asarray(corner - np.array([0.0, 1.0]))
+        shift = np.array([0.0, 1.0])  # TinyRenderer's rows start at the bottom: its sample is one row lower
+        return np.asarray((np.array([1.0, -1.0]) * device + 1.0) / 2 * np.array([self.width, self.height]) - shift)
 
 
 def stereo_pair(distance: float = 4.0, elevation: float = math.radians(15)) -> tuple[CameraSpec, CameraSpec]:

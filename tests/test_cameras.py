@@ -11,14 +11,14 @@ from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, stereo_pair
 
 def test_the_point_looked_at_is_in_the_middle() -> None:
     for spec in STEREO_PAIR:
-        np.testing.assert_allclose(spec.project(np.array(spec.target)), (160.0, 119.0), atol=1e-4)
+        np.testing.assert_allclose(spec.project(np.array(spec.target)), (159.5, 119.5), atol=1e-4)
 
 
 def test_up_is_up_and_the_field_of_view_is_horizontal() -> None:
     spec = CameraSpec("front", (4.0, 0.0, 0.6))
     above, edge = np.array([0.0, 0.0, 1.0]), np.array([0.0, 4 * math.tan(math.pi / 6), 0.6])
-    assert spec.project(above)[1] < 119.0
-    assert spec.project(edge)[0] == pytest.approx(320.0, abs=1e-3)
+    assert spec.project(above)[1] < 119.5
+    assert spec.project(edge)[0] == pytest.approx(319.5, abs=1e-3)
 
 
 def test_a_pixel_is_14_mm_at_the_arm() -> None:

@@ -1,0 +1,58 @@
+# make train and make test do everything on a machine that has only Python and make.
+# A CPU-only torch, far smaller than PyPI's: make train TORCH_INDEX=https://download.pytorch.org/whl/cpu
+
+VENV := .venv
+PYTHON := $(VENV)/bin/python
+STAMP := $(VENV)/.installed
+PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt
+TORCH_INDEX ?=
+EXTRAS := progress,tensorboard,plots,tests,dev
+ARGS ?=
+
+.PHONY: help venv train test test-slow test-zoo lint benchmark clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+
+venv: $(STAMP) ## create .venv and install everything
+
+train: $(STAMP) ## train our DDPG agent and score it (ARGS="--algo dqn --seed 1")
+	$(PYTHON) train.py $(ARGS)
+
+test: $(STAMP) ## run the tests (ARGS="-k config")
+	$(PYTHON) -m pytest -q -m "not slow and not zoo" $(ARGS)
+
+test-slow: $(STAMP) ## run the tests that take longer
+	$(PYTHON) -m pytest -q -m "slow and not zoo" $(ARGS)
+
+test-zoo: $(STAMP) ## install rl_zoo3 and train with it
+	$(PIP) -e ".[zoo]"
+	$(PYTHON) -m pytest -q -m zoo $(ARGS)
+
+lint: $(STAMP) ## check style and types
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m mypy
+
+benchmark: $(STAMP) ## measure how well the images show the joints
+	$(PYTHON) benchmarks/probe.py $(ARGS)
+
+clean: ## remove builds and caches; keeps .venv and logs
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov
+	find . -name __pycache__ -not -path "./$(VENV)/*" -prune -exec rm -rf {} +
+
+# Torch comes first and pinned: as a mere dependency, pip would pick whatever build is the newest.
+$(STAMP): setup.cfg pyproject.toml constraints.txt | $(PYTHON)
+	$(PIP) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch
+	$(PIP) setuptools
+	$(PIP) --no-build-isolation -e ".[$(EXTRAS)]"
+	@touch $@
+
+$(PYTHON):
+	@for python in python3.11 python3.10 python3 python; do \
+		if $$python -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 10), (3, 11)))' >/dev/null 2>&1; then \
+			echo "Creating $(VENV) with $$($$python --version)"; exec $$python -m venv $(VENV); \
+		fi; \
+	done; \
+	echo "sb3_stereo needs Python 3.10 or 3.11 (PyBullet has wheels for no later one), and none is on the PATH." >&2; \
+	exit 2

@@ -1,0 +1,8 @@
+"""Play a trained agent; see `python enjoy.py --help`."""
+
+import sys
+
+from sb3_stereo.enjoy import main
+
+if __name__ == "__main__":
+    sys.exit(main())

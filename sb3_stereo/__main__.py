@@ -1,0 +1,42 @@
+"""`python -m sb3_stereo COMMAND`, and the console script `sb3-stereo COMMAND`."""
+
+import sys
+from importlib import import_module
+
+from sb3_stereo import __version__
+
+COMMANDS = {
+    "train": "train an agent and score it on the test poses",
+    "enjoy": "play a trained agent and count its successes",
+    "evaluate": "score a trained agent on the test poses",
+}
+
+USAGE = "\n".join(
+    [
+        "usage: sb3-stereo [--help] [--version] COMMAND ...",
+        "",
+        *(f"  {name:<10}{text}" for name, text in COMMANDS.items()),
+        "",
+        "Each command has its own --help.",
+    ]
+)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Call the named command with the remaining arguments."""
+    command, *rest = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    if command in ("-h", "--help"):
+        print(USAGE)
+        return 0
+    if command == "--version":
+        print(f"sb3_stereo {__version__}")
+        return 0
+    if command not in COMMANDS:
+        print(f"error: unknown command '{command}'; commands are {', '.join(COMMANDS)}", file=sys.stderr)
+        return 2
+    exit_status: int = import_module(f"sb3_stereo.{command}").main(rest)
+    return exit_status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,153 @@
+"""The run directory, laid out as rl-baselines3-zoo does: names, records, models.
+
+logs/ddpg/WamStereoReach-v0_1/
+    0.monitor.csv  evaluations.csv  best_model.zip  WamStereoReach-v0.zip  rl_model_2000_steps.zip
+    WamStereoReach-v0/config.yml  args.yml  command.txt  versions.yml
+"""
+
+import re
+import shlex
+import sys
+from collections.abc import Mapping
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from sb3_stereo import __version__
+from sb3_stereo.config import Config, algorithm, check_env_id, parse_config
+from sb3_stereo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+BEST_MODEL = "best_model.zip"
+EVALUATIONS = "evaluations.csv"
+CHECKPOINT_PREFIX = "rl_model"
+PACKAGES = ("stable-baselines3", "gymnasium", "torch", "numpy", "opencv-python-headless", "pybullet")
+
+
+def env_name(env_id: str) -> str:
+    """Return the environment's name in file names."""
+    return env_id.rpartition(":")[2].replace("/", "-")
+
+
+def run_ids(log_folder: Path, algo: str, env_id: str) -> list[int]:
+    """Return the numbers of the existing runs, ascending."""
+    pattern = re.compile(re.escape(env_name(env_id)) + r"_(\d+)")
+    names = [path.name for path in (log_folder / algo).glob("*") if path.is_dir()]
+    return sorted(int(match[1]) for match in map(pattern.fullmatch, names) if match)
+
+
+def create_run(log_folder: str | Path, algo: str, env_id: str) -> Path:
+    """Make and return the directory of the next run, even if other processes do the same at the same time."""
+    parent = Path(log_folder) / algo
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        while True:
+            run = parent / f"{env_name(env_id)}_{max(run_ids(Path(log_folder), algo, env_id), default=0) + 1}"
+            try:
+                run.mkdir()
+            except FileExistsError:  # another process was faster
+                continue
+            (run / env_name(env_id)).mkdir()
+            return run
+    except OSError as error:
+        raise ConfigError(f"cannot write to '{log_folder}' ({error.strerror}); choose a log folder with -f") from error
+
+
+def save_records(run: Path, config: Config, args: Mapping[str, Any]) -> None:
+    """Write what made the run: resolved configuration, arguments, command and versions."""
+    folder = run / env_name(config.env_id)
+    records = {"config.yml": config.plain(), "args.yml": dict(args), "versions.yml": versions()}
+    for name, content in records.items():
+        (folder / name).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    (folder / "command.txt").write_text(shlex.join(sys.orig_argv) + "\n", encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, of this package and of what it stands on."""
+    found = {"python": sys.version.split()[0], "sb3_stereo": __version__}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:  # e.g. opencv-python instead of its headless sister
+            found[name] = "unknown"
+    return found
+
+
+def find_run(log_folder: str | Path, algo: str, env_id: str, exp_id: int = 0) -> Path:
+    """Return the directory of a run; `exp_id` 0 is the latest.
+
+    Raises:
+        ConfigError: If there is no such run.
+    """
+    ids = run_ids(Path(log_folder), algo, env_id)
+    parent = Path(log_folder) / algo
+    if not ids:
+        raise ConfigError(
+            f"no run of {env_id} in '{parent}'; train one with: python train.py --algo {algo} --env {env_id}"
+        )
+    if exp_id and exp_id not in ids:
+        raise ConfigError(f"no run {exp_id} of {env_id} in '{parent}'; runs are {', '.join(map(str, ids))}")
+    return parent / f"{env_name(env_id)}_{exp_id or ids[-1]}"
+
+
+def load_record(run: str | Path) -> tuple[Config, dict[str, Any]]:
+    """Return a run's configuration and the arguments of its command.
+
+    Raises:
+        ConfigError: If the directory holds no run.
+    """
+    files = sorted(Path(run).glob("*/args.yml"))
+    if len(files) != 1:
+        raise ConfigError(f"'{run}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1")
+    try:
+        args = yaml.safe_load(files[0].read_text(encoding="utf-8"))
+        config = yaml.safe_load((files[0].parent / "config.yml").read_text(encoding="utf-8"))
+        algo, env_id = args["algo"], args["env"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise ConfigError(f"'{files[0].parent}' is not of a run that train.py made ({type(error).__name__})") from error
+    import_packages(args.get("gym_packages") or ())
+    check_env_id(env_id)
+    return parse_config(algo, env_id, config), args
+
+
+def import_packages(names: Any) -> None:
+    """Import the packages that register further environments."""
+    for name in names:
+        try:
+            import_module(name)
+        except ImportError as error:
+            raise ConfigError(f"cannot import the package '{name}' ({error}); check --gym-packages") from error
+
+
+def checkpoint_steps(run: Path) -> list[int]:
+    """Return the steps at which checkpoints were saved, ascending."""
+    matches = (re.fullmatch(CHECKPOINT_PREFIX + r"_(\d+)_steps\.zip", path.name) for path in run.iterdir())
+    return sorted(int(match[1]) for match in matches if match)
+
+
+def model_path(run: str | Path, env_id: str, best: bool = False, checkpoint: int | None = None) -> Path:
+    """Return the file of a run's final model, of its best or of a checkpoint.
+
+    Raises:
+        ConfigError: If there is no such model; names those that exist.
+    """
+    run = Path(run)
+    name = BEST_MODEL if best else f"{env_name(env_id)}.zip"
+    if checkpoint is not None:
+        name = f"{CHECKPOINT_PREFIX}_{checkpoint}_steps.zip"
+    if not (run / name).is_file():
+        existing = sorted(path.name for path in run.glob("*.zip"))
+        raise ConfigError(
+            f"no model '{name}' in '{run}'; models are: {', '.join(existing) or 'none'}"
+            " (choose with --load-best or --load-checkpoint)"
+        )
+    return run / name
+
+
+def load_model(algo: str, path: Path, device: str = "auto") -> "OffPolicyAlgorithm":
+    """Load a saved model for acting; its replay buffer is the smallest one."""
+    return algorithm(algo).load(path, device=device, buffer_size=1)

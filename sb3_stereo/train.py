@@ -1,0 +1,120 @@
+"""Train an agent: `python train.py --algo ddpg`, or `sb3-stereo train --algo ddpg`."""
+
+import argparse
+import os
+import random
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from sb3_stereo import runtime
+from sb3_stereo.cli import INTERRUPTED, Parser, add_process_flags, add_run_flags, check_device, run_command
+
+if TYPE_CHECKING:
+    from sb3_stereo.training import Result
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line; the flags are the zoo's."""
+    parser = Parser(prog="train.py", description="Train an agent and score it on the test poses.")
+    add_run_flags(parser)
+    parser.add_argument("-n", "--n-timesteps", type=int, default=-1, help="environment steps (default: the YAML's)")
+    parser.add_argument("--seed", type=int, default=-1, help="seed of everything random (default: a new one, printed)")
+    parser.add_argument("-conf", "--conf-file", help="YAML with hyper-parameters (default: ours for the algorithm)")
+    parser.add_argument(
+        "-params",
+        "--hyperparams",
+        nargs="+",
+        metavar="KEY:VALUE",
+        help="overrides, e.g. gamma:0.9 policy_kwargs.n_critics:1",
+    )
+    parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
+    parser.add_argument("--vec-env", choices=("dummy", "subproc"), default="dummy", help="how n_envs are stepped")
+    parser.add_argument(
+        "--eval-freq",
+        type=int,
+        default=0,
+        help="steps between scores (default: the paper's checkpoints; -1: only the end)",
+    )
+    parser.add_argument("--n-eval-envs", type=int, default=1, help="environments per score (default: 1)")
+    parser.add_argument("--save-freq", type=int, default=-1, help="steps between checkpoints (default: none)")
+    parser.add_argument("-tb", "--tensorboard-log", help="TensorBoard folder (default: none)")
+    parser.add_argument("-P", "--progress", action="store_true", help="draw the progress bar even without a terminal")
+    add_process_flags(parser)
+    return parser
+
+
+def train_command(args: argparse.Namespace) -> int:
+    """Read the configuration, train, and say how it went."""
+    runtime.tune_allocator()
+    from sb3_stereo.config import load_config
+    from sb3_stereo.runs import import_packages
+    from sb3_stereo.training import Options, train
+    from sb3_stereo.values import parse_assignments
+
+    import_packages(args.gym_packages)
+    params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
+    config = load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
+    check_flags(args)
+    n_threads = runtime.set_threads(args.num_threads)
+    seed = args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31)
+    if args.verbose:
+        print(f"Training {config.algo} on {config.env_id}, seed {seed}, {n_threads} threads", flush=True)
+    options = Options(
+        seed=seed,
+        log_folder=args.log_folder,
+        eval_freq=args.eval_freq,
+        n_eval_envs=max(1, args.n_eval_envs),
+        save_freq=args.save_freq,
+        tensorboard_log=args.tensorboard_log,
+        device=args.device,
+        vec_env=args.vec_env,
+        progress=args.progress or None,
+        verbose=args.verbose,
+    )
+    start = time.monotonic()
+    result = train(config, options, vars(args) | {"seed": seed, "num_threads": n_threads})
+    print(last_line(result, time.monotonic() - start))
+    return INTERRUPTED if result.interrupted else 0
+
+
+def check_flags(args: argparse.Namespace) -> None:
+    """Raise a ConfigError for a flag whose value or extra is missing."""
+    from importlib.util import find_spec
+
+    from sb3_stereo.errors import ConfigError
+
+    check_device(args.device)
+    if args.seed >= 2**32:
+        raise ConfigError(f"--seed must be below {2**32}, got {args.seed}")
+    if args.tensorboard_log and find_spec("tensorboard") is None:
+        raise ConfigError("-tb needs TensorBoard; install it with: pip install 'sb3_stereo[tensorboard]'")
+    if args.progress and find_spec("tqdm") is None:
+        raise ConfigError("-P needs tqdm; install it with: pip install 'sb3_stereo[progress]'")
+
+
+def last_line(result: "Result", seconds: float) -> str:
+    """Return what a person wants to know at the end."""
+    from sb3_stereo.eval_callback import describe
+
+    took = f"{seconds / 60:.0f} min" if seconds >= 120 else f"{seconds:.0f} s"
+    run = f"run: {os.path.relpath(result.run)}"
+    if result.interrupted:
+        return (
+            f"Interrupted by {result.interrupted} after {result.n_timesteps} steps in {took}; the model is saved; {run}"
+        )
+    assert result.evaluation is not None  # every training that ends is scored
+    return f"Done: {result.n_timesteps} steps in {took}; {describe(result.evaluation)}; {run}"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and train.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(train_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,196 @@
+"""Train an agent into a run directory."""
+
+import signal
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback
+from stable_baselines3.common.logger import Logger
+
+from sb3_stereo.building import make_callbacks, make_env, make_model, make_training_env
+from sb3_stereo.config import Config
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.eval_callback import PoseEvalCallback, checkpoints, save_model
+from sb3_stereo.evaluation import Evaluation, test_starts
+from sb3_stereo.progress import Progress
+from sb3_stereo.runs import CHECKPOINT_PREFIX, create_run, env_name, save_records
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run a training; none of these changes what is learnt, except the seed.
+
+    Attributes:
+        seed: Seeds environments, networks and noise.
+        log_folder: Where the run directory is made.
+        eval_freq: 0 scores at the paper's checkpoints, a positive number every so many steps, a negative one only at
+            the end.
+        n_eval_envs: Environments that are stepped together in a score.
+        save_freq: A checkpoint every so many environment steps; not positive saves none.
+        tensorboard_log: Folder for TensorBoard; None writes nothing.
+        device: PyTorch device.
+        vec_env: "dummy" or "subproc".
+        progress: True draws a bar, False prints lines, None decides by the terminal.
+        verbose: 0 is silent, 1 shows progress and scores, 2 also SB3's tables.
+    """
+
+    seed: int
+    log_folder: str = "logs"
+    eval_freq: int = 0
+    n_eval_envs: int = 1
+    save_freq: int = -1
+    tensorboard_log: str | None = None
+    device: str = "auto"
+    vec_env: str = "dummy"
+    progress: bool | None = None
+    verbose: int = 1
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a training leaves.
+
+    Attributes:
+        run: The run directory.
+        n_timesteps: Environment steps taken.
+        evaluation: The last score; None if there was none.
+        interrupted: The signal that ended the training early, e.g. "SIGINT"; None if none did.
+    """
+
+    run: Path
+    n_timesteps: int
+    evaluation: Evaluation | None
+    interrupted: str | None
+
+
+def train(config: Config, options: Options, record: Mapping[str, Any] | None = None) -> Result:
+    """Train, score and save an agent.
+
+    SIGINT and SIGTERM end the training early; the model is saved all the same.
+
+    Args:
+        config: What to learn, and how.
+        options: How to run it.
+        record: The command's arguments, for the run's `args.yml`.
+
+    Raises:
+        ConfigError: If the environment or the model refuses its arguments.
+    """
+    run = create_run(options.log_folder, config.algo, config.env_id)
+    save_records(run, config, {"algo": config.algo, "env": config.env_id, "seed": options.seed} | dict(record or {}))
+    with _refusals_are_errors():
+        env = make_training_env(config, options.seed, str(run), options.vec_env)
+    try:
+        with _refusals_are_errors():
+            model = make_model(
+                config,
+                env,
+                options.seed,
+                options.device,
+                _tensorboard_log(options, config),
+                max(0, options.verbose - 1),
+            )
+        if not options.tensorboard_log and options.verbose < 2:
+            model.set_logger(Logger(str(run), []))  # SB3's own silent logger leaves a folder in /tmp
+        scoring = make_scoring(config, options, run)
+        callbacks = [*make_callbacks(config), *_own_callbacks(config, options, run), scoring]
+        with signals_interrupt():
+            interrupted = _learn(model, config, callbacks)
+        with signals_ignored():
+            save_model(model, run / f"{env_name(config.env_id)}.zip")
+    finally:
+        with suppress(EOFError, BrokenPipeError):  # a worker that the signal reached first
+            env.close()
+    return Result(run, model.num_timesteps, scoring.last, interrupted)
+
+
+def _tensorboard_log(options: Options, config: Config) -> str | None:
+    return str(Path(options.tensorboard_log) / env_name(config.env_id)) if options.tensorboard_log else None
+
+
+def make_scoring(config: Config, options: Options, run: Path) -> PoseEvalCallback:
+    """Make the callback that scores the agent on the environment's fixed starts."""
+    return PoseEvalCallback(
+        make_env(config.env_id, config.env_kwargs, config.env_wrapper),
+        test_starts(config.env_id),
+        run,
+        checkpoints(config.algo, config.n_timesteps, options.eval_freq),
+        options.n_eval_envs,
+        "subproc" if options.n_eval_envs > 1 else "dummy",
+        options.verbose,
+    )
+
+
+def _own_callbacks(config: Config, options: Options, run: Path) -> list[BaseCallback]:
+    callbacks: list[BaseCallback] = []
+    if options.verbose:
+        callbacks.append(Progress(options.progress))
+    if options.save_freq > 0:
+        calls = max(options.save_freq // config.n_envs, 1)  # SB3 counts calls, each of n_envs steps
+        callbacks.append(CheckpointCallback(calls, str(run), name_prefix=CHECKPOINT_PREFIX))
+    return callbacks
+
+
+def _learn(model: "OffPolicyAlgorithm", config: Config, callbacks: list[BaseCallback]) -> str | None:
+    """Learn, and return the name of the signal that ended it, if one did."""
+    try:
+        model.learn(config.n_timesteps, callback=callbacks)
+    except KeyboardInterrupt as interrupt:
+        return str(interrupt) or signal.SIGINT.name
+    except ValueError as error:
+        if model.num_timesteps > 0:
+            raise
+        raise ConfigError(str(error)) from error  # a callback that does not go with this model
+    finally:
+        for callback in callbacks:
+            if isinstance(callback, Progress):
+                callback.close()
+    return None
+
+
+@contextmanager
+def _refusals_are_errors() -> Iterator[None]:
+    """Turn the ValueErrors of constructors, which say what is allowed, into the user's error."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+
+
+@contextmanager
+def signals_interrupt() -> Iterator[None]:
+    """Let SIGTERM interrupt as Ctrl-C does."""
+    with _handler((signal.SIGTERM,), _interrupt):
+        yield
+
+
+@contextmanager
+def signals_ignored() -> Iterator[None]:
+    """Let neither Ctrl-C nor SIGTERM interrupt."""
+    with _handler((signal.SIGINT, signal.SIGTERM), signal.SIG_IGN):
+        yield
+
+
+@contextmanager
+def _handler(numbers: tuple[signal.Signals, ...], handler: Any) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # only the main thread may set handlers
+        yield
+        return
+    before = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, old in zip(numbers, before, strict=True):
+            signal.signal(number, old)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt(signal.Signals(number).name)

@@ -1,0 +1,69 @@
+"""Plain values from YAML files and from `key:value` arguments; nothing in them is evaluated."""
+
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sb3_stereo.errors import ConfigError, unknown
+
+_SCIENTIFIC = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")  # 1e-3, which YAML 1.1 reads as a text
+
+
+def read_hyperparams(algo: str, env_id: str, conf_file: str | Path | None = None) -> dict[str, Any]:
+    """Return the map for one environment from a YAML file, by default our own for the algorithm."""
+    source = Path(conf_file) if conf_file else resources.files("sb3_stereo.hyperparams") / f"{algo}.yml"
+    if not source.is_file():
+        way_out = "give an existing file with -conf" if conf_file is None else "check the path given with -conf"
+        raise ConfigError(f"no hyper-parameter file '{source if conf_file else algo + '.yml'}'; {way_out}")
+    try:
+        content = yaml.safe_load(source.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"'{source}' is not plain YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"'{source}' must hold one map per environment id, or 'default'")
+    values = content.get(env_id, content.get("default"))
+    if not isinstance(values, Mapping):
+        raise unknown(f"environment of '{source}'", env_id, [str(key) for key in content])
+    return {str(key): _numbers(value) for key, value in values.items()}
+
+
+def parse_assignments(assignments: Sequence[str] | None) -> dict[str, Any]:
+    """Read `key:value` arguments of the command line; the value is YAML, and `1e-3` is a number.
+
+    Raises:
+        ConfigError: If an argument has no colon, or its value is not YAML.
+    """
+    values = {}
+    for assignment in assignments or ():
+        key, colon, text = assignment.partition(":")
+        if not colon or not key:
+            raise ConfigError(f"'{assignment}' is not of the form key:value, as in learning_starts:100")
+        try:
+            values[key] = _numbers(yaml.safe_load(text))
+        except yaml.YAMLError as error:
+            raise ConfigError(f"the value of '{assignment}' is not YAML; quote it") from error
+    return values
+
+
+def _numbers(value: Any) -> Any:
+    """Read texts such as 1e-3 as the numbers that they are meant to be, at any depth."""
+    if isinstance(value, Mapping):
+        return {key: _numbers(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_numbers(item) for item in value]
+    return float(value) if isinstance(value, str) and _SCIENTIFIC.fullmatch(value) else value
+
+
+def override(values: Mapping[str, Any], path: Sequence[str], value: Any, name: str) -> dict[str, Any]:
+    """Return a copy of the map with the value at the path replaced."""
+    first, *rest = path
+    if not rest:
+        return {**values, first: value}
+    inner = values.get(first)
+    if not isinstance(inner, Mapping | None):
+        raise ConfigError(f"'{name}' reaches inside '{first}', which is {inner!r} and not a map")
+    return {**values, first: override(inner or {}, rest, value, name)}

@@ -1,0 +1,16 @@
+"""One torch thread (four on a busy machine take ten times as long), and log folders that vanish."""
+
+import os
+from pathlib import Path
+
+import pytest
+import torch as th
+
+th.set_num_threads(1)
+os.environ["OMP_NUM_THREADS"] = "1"  # for the processes that tests start
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    """A log folder that does not exist yet."""
+    return tmp_path / "logs"
