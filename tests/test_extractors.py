@@ -15,7 +15,7 @@ from gymnasium import spaces
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
-from sb3_stereo.extractors import PixelNorm, StereoCnn, initialise
+from sb3_stereo.extractors import Blur, PixelNorm, StereoCnn, initialise
 from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 
 SPACE = FakeImageEnv().observation_space
@@ -248,3 +248,41 @@ def test_borrowed_encoder_owns_nothing_and_passes_no_gradient():
     assert not list(borrowed.parameters()) and not borrowed.state_dict()
     features = borrowed(images())
     assert not features.requires_grad and th.equal(features, encoder(images()))
+
+
+def test_blur_keeps_constants_and_the_middle_of_a_dot() -> None:
+    blur = Blur((1, 12, 9), sigma=1.5, downsample=3)
+    assert blur(th.full((2, 1, 12, 9), 0.7)).shape == (2, 1, 4, 3)
+    th.testing.assert_close(blur(th.full((1, 1, 12, 9), 0.7)), th.full((1, 1, 4, 3), 0.7))
+    dot = th.zeros(1, 1, 12, 9)
+    dot[0, 0, 4, 7] = 1.0  # in the second of the four rows' and the third of the three columns' middle
+    assert int(blur(dot).argmax()) == 1 * 3 + 2
+
+
+def test_blur_commutes_with_the_mirror() -> None:
+    blur, images = Blur((1, 12, 9), sigma=2.0, downsample=3), th.rand(3, 1, 12, 9)
+    th.testing.assert_close(blur(images.flip(3)), blur(images).flip(3))
+
+
+def test_blurred_near_images_are_nearer_than_far_ones() -> None:
+    dots = th.zeros(3, 1, 12, 12)
+    for image, column in enumerate((2, 3, 9)):
+        dots[image, 0, 6, column] = 1.0
+    here, near, far = Blur((1, 12, 12), sigma=2.0, downsample=1)(dots)
+    assert (here - near).norm() < 0.6 * (here - far).norm()
+
+
+@pytest.mark.parametrize(("sigma", "downsample"), [(0.0, 1), (1.0, 5), (1.0, 0)])
+def test_a_blur_that_does_not_fit_is_explained(sigma: float, downsample: int) -> None:
+    message = (
+        f"^cannot blur 12 x 9 px with sigma {sigma} and downsample {downsample}; "
+        "sigma must be positive, and downsample a divisor of both sizes$"
+    )
+    with pytest.raises(ValueError, match=message):
+        Blur((1, 12, 9), sigma, downsample)
+
+
+def test_blur_is_no_part_of_the_weights() -> None:
+    plain = StereoCnn(SPACE, kernel_sizes=(3,), strides=(2,))
+    blurred = StereoCnn(SPACE, kernel_sizes=(3,), strides=(2,), blur=1.0)
+    assert plain.state_dict().keys() == blurred.state_dict().keys()

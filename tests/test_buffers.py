@@ -1,0 +1,101 @@
+"""The mirror: an involution, true to the environment, and taken over without losing anything."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from fake_env import FakeImageEnv
+from gymnasium.spaces import Box, Discrete
+from stable_baselines3 import DDPG, DQN, PPO
+from stable_baselines3.common.buffers import ReplayBuffer
+
+from sb3_stereo.buffers import MirrorExperience, MirrorReplayBuffer
+from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.envs.wrappers import QuantizedActions
+from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
+
+IMAGES = Box(0, 255, (1, 8, 6), np.uint8)
+SIGNS = np.array([-1.0, 1.0, -1.0, 1.0])
+
+
+def filled(actions: gym.Space, action: np.ndarray) -> MirrorReplayBuffer:  # type: ignore[type-arg]
+    buffer = MirrorReplayBuffer(10, IMAGES, actions, device="cpu")
+    image = np.arange(48, dtype=np.uint8).reshape(1, 1, 8, 6)
+    for _ in range(10):
+        buffer.add(image, image + 100, action, np.array([0.5]), np.array([False]), [{}])
+    return buffer
+
+
+def test_mirroring_twice_is_nothing() -> None:
+    buffer = filled(Box(-1, 1, (4,)), np.ones((1, 4)))
+    images, actions = th.rand(5, 1, 8, 6), th.rand(5, 4)
+    assert th.equal(buffer.mirror(buffer.mirror(images)), images)
+    assert th.equal(buffer.mirror_actions(buffer.mirror_actions(actions)), actions)
+
+
+def test_samples_are_the_transition_or_its_mirror_image_as_a_whole() -> None:
+    buffer = filled(Box(-1, 1, (4,)), np.array([[0.1, 0.2, 0.3, 0.4]]))
+    np.random.seed(0)
+    samples = buffer.sample(200)
+    plain = th.as_tensor(buffer.observations[0]), th.as_tensor(buffer.next_observations[0])
+    n_mirrored = 0
+    for obs, action, next_obs in zip(samples.observations, samples.actions, samples.next_observations, strict=True):
+        mirrored = bool(action[0] < 0)
+        n_mirrored += mirrored
+        for image, original in zip((obs, next_obs), plain, strict=True):
+            assert th.equal(image[None], buffer.mirror(original) if mirrored else original)
+        assert action[1] > 0 and action[3] > 0 and (action[2] < 0) == mirrored
+    assert 70 < n_mirrored < 130
+    assert th.all(samples.rewards == 0.5)
+
+
+def test_numbers_are_mirrored_like_the_efforts_they_stand_for() -> None:
+    class Arm(gym.Env):  # type: ignore[type-arg]
+        action_space, observation_space = Box(-1, 1, (4,)), IMAGES
+
+    env = QuantizedActions(Arm(), levels=3)
+    buffer = filled(Discrete(81), np.array([[0]]))
+    mirrored = buffer.mirror_actions(th.arange(81)[:, None])[:, 0]
+    for number in range(81):
+        efforts = env.action(np.int64(number))
+        np.testing.assert_array_equal(env.action(np.int64(mirrored[number])), efforts * SIGNS)
+
+
+def test_the_environment_is_its_own_mirror_image() -> None:
+    env = StereoReachEnv()
+    buffer = MirrorReplayBuffer(1, env.observation_space, env.action_space, device="cpu")
+    rng = np.random.default_rng(0)
+    for seed in range(8):
+        image, info = env.reset(seed=seed)
+        action = rng.uniform(-1, 1, 4)
+        next_image, reward, *_ = env.step(action)
+        mirrored, _ = env.reset(options={"joint_positions": info["joint_positions"][:4] * SIGNS})
+        next_mirrored, mirrored_reward, *_ = env.step(action * SIGNS)
+        for ours, theirs in ((image, mirrored), (next_image, next_mirrored)):
+            difference = buffer.mirror(th.as_tensor(ours[None], dtype=th.float32)).numpy()[0] - theirs
+            assert np.abs(difference).mean() < 0.15  # grey levels; other poses differ by 1.5
+        assert mirrored_reward == pytest.approx(reward, abs=0.03)  # the wrist's masses are not symmetric
+    env.close()
+
+
+@pytest.mark.parametrize("algorithm", [DDPG, DQN])
+def test_the_callback_takes_over_a_models_transitions_and_training_goes_on(algorithm: type[DDPG | DQN]) -> None:
+    env = FakeImageEnv(shape=(1, 36, 36), n_actions=9 if algorithm is DQN else None)
+    policy = StereoDQNPolicy if algorithm is DQN else StereoDDPGPolicy
+    model = algorithm(policy, env, buffer_size=50, learning_starts=5, batch_size=4, seed=0)
+    model.learn(10)
+    before = model.replay_buffer
+    assert isinstance(before, ReplayBuffer)
+    n_joints = 2 if algorithm is DQN else 4
+    model.learn(10, callback=MirrorExperience(2, [0], n_joints), reset_num_timesteps=False)
+    after = model.replay_buffer
+    assert isinstance(after, MirrorReplayBuffer) and after.size() >= 20  # DQN collects four at a time
+    np.testing.assert_array_equal(after.observations[:10], before.observations[:10])
+
+
+def test_what_has_no_mirror_is_explained() -> None:
+    with pytest.raises(ValueError, match=r"^82 actions are not the combinations of 4 joints; set n_joints$"):
+        MirrorReplayBuffer(1, IMAGES, Discrete(82), device="cpu")
+    model = PPO("MlpPolicy", "CartPole-v1", n_steps=8, batch_size=8)
+    with pytest.raises(ValueError, match=r"^MirrorExperience needs a replay buffer, and PPO has none$"):
+        model.learn(8, callback=MirrorExperience())
