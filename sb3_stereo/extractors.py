@@ -232,7 +232,13 @@ def _make_convs(
 def _flat_dim(convs: nn.Sequential, shape: Sequence[int]) -> int:
     """Count the outputs with a dry pass, in evaluation mode: a training pass would enter the running statistics."""
     convs.eval()
-    with th.no_grad():
-        flat_dim = convs(th.zeros(1, *shape)).numel()
+    try:
+        with th.no_grad():
+            flat_dim = convs(th.zeros(1, *shape)).numel()
+    except RuntimeError as error:
+        raise ValueError(
+            f"images of {shape[1]} x {shape[2]} px are too small for these kernels and strides; "
+            "take smaller ones or less downsampling"
+        ) from error
     convs.train()
     return int(flat_dim)

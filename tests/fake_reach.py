@@ -23,7 +23,7 @@ class FakeReachEnv(gym.Env[np.ndarray, np.ndarray]):
             raise ValueError(f"tolerance must be positive, got {tolerance}")
         self.tolerance = tolerance
         self.render_mode = render_mode
-        self.observation_space = spaces.Box(0, 255, (1, 36, 36), np.uint8)
+        self.observation_space = spaces.Box(0, 255, (1, 60, 60), np.uint8)
         self.action_space = spaces.Box(-1.0, 1.0, (4,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:

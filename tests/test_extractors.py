@@ -282,6 +282,12 @@ def test_a_blur_that_does_not_fit_is_explained(sigma: float, downsample: int) ->
         Blur((1, 12, 9), sigma, downsample)
 
 
+def test_too_small_images_are_explained() -> None:
+    message = "^images of 9 x 9 px are too small for these kernels and strides; take smaller ones or less downsampling$"
+    with pytest.raises(ValueError, match=message):
+        small_cnn(blur=1.0, downsample=4)
+
+
 def test_blur_is_no_part_of_the_weights() -> None:
     plain = StereoCnn(SPACE, kernel_sizes=(3,), strides=(2,))
     blurred = StereoCnn(SPACE, kernel_sizes=(3,), strides=(2,), blur=1.0)
