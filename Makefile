@@ -6,7 +6,7 @@ PYTHON := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt
 TORCH_INDEX ?=
-EXTRAS := progress,tensorboard,plots,tests,dev
+EXTRAS := progress,tensorboard,plots,benchmarks,tests,dev
 ARGS ?=
 
 .PHONY: help venv train test test-slow test-zoo lint benchmark clean
@@ -34,8 +34,8 @@ lint: $(STAMP) ## check style and types
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
 
-benchmark: $(STAMP) ## measure how well the images show the joints
-	$(PYTHON) benchmarks/probe.py $(ARGS)
+benchmark: $(STAMP) ## train what is missing of the paper's tables and write benchmarks/RESULTS.md (hours)
+	$(PYTHON) -m benchmarks.paper_tables $(ARGS)
 
 clean: ## remove builds and caches; keeps .venv and logs
 	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov

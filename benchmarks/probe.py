@@ -78,7 +78,7 @@ def fit(images: th.Tensor, targets: th.Tensor, n_updates: int) -> nn.Sequential:
         batch = th.randint(len(images), (128,))
         loss = nn.functional.mse_loss(net(images[batch]), targets[batch])
         optimizer.zero_grad()
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         schedule.step()
     return net.eval()

@@ -1,0 +1,119 @@
+"""Cells of the tables: one training of one row with one seed, and its record."""
+
+from __future__ import annotations
+
+import csv
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+RESULTS = Path(__file__).parent / "results"
+PACKAGES = ("sb3_stereo", "stable_baselines3", "torch", "gymnasium", "pybullet", "numpy")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: what is trained, the same for every seed.
+
+    Attributes:
+        name: Of the record file, and of the row's runs.
+        algo: "ddpg" or "dqn".
+        label: How the table calls it.
+        arguments: Of `train.py`, besides algorithm, seed, length and folder.
+        checkpoints: Environment steps at which the agent is scored; the last one ends the training.
+    """
+
+    name: str
+    algo: str
+    label: str
+    arguments: tuple[str, ...]
+    checkpoints: tuple[int, ...]
+
+    def command(self, seed: int) -> list[str]:
+        """What a person would type to train the same cell."""
+        length = ["-n", str(self.checkpoints[-1])]
+        return ["python", "train.py", "--algo", self.algo, *self.arguments, "--seed", str(seed), *length]
+
+    @property
+    def record(self) -> Path:
+        """The file with a line per seed and checkpoint."""
+        return RESULTS / f"{self.name}.csv"
+
+    def done(self) -> set[int]:
+        """Seeds whose training is recorded to its end."""
+        return {int(line["seed"]) for line in read(self.record) if int(line["timesteps"]) >= self.checkpoints[-1]}
+
+
+def read(record: Path) -> list[dict[str, str]]:
+    """The lines of a record, by seed and step; none if there is no record."""
+    if not record.exists():
+        return []
+    with record.open(newline="", encoding="utf-8") as file:
+        return sorted(csv.DictReader(file), key=lambda line: (int(line["seed"]), int(line["timesteps"])))
+
+
+def write(record: Path, lines: Iterable[dict[str, str]]) -> None:
+    """Write a record anew, sorted, in one step: an interruption leaves the old one or the new one."""
+    lines = sorted(lines, key=lambda line: (int(line["seed"]), int(line["timesteps"])))
+    partial = record.with_suffix(".partial")
+    record.parent.mkdir(parents=True, exist_ok=True)
+    with partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(lines[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(lines)
+    partial.replace(record)
+
+
+def train_missing(rows: Iterable[Row], seeds: Iterable[int], logs: Path, n_workers: int) -> None:
+    """Train every cell that has no record, seed by seed so that all rows grow together, and record each at once.
+
+    A cell that fails is reported and does not stop the others; the next call tries it again.
+
+    Raises:
+        RuntimeError: At the end, if a cell failed.
+    """
+    missing = [(row, seed) for seed in seeds for row in rows if seed not in row.done()]
+    failed = []
+    with ThreadPoolExecutor(n_workers) as pool:
+        futures = {pool.submit(train_cell, row, seed, logs): (row, seed) for row, seed in missing}
+        for number, future in enumerate(as_completed(futures), 1):
+            row, seed = futures[future]
+            try:
+                lines = future.result()
+            except (subprocess.CalledProcessError, OSError) as error:
+                failed.append(f"{row.name}, seed {seed}: {error}")
+                continue
+            write(row.record, [line for line in read(row.record) if int(line["seed"]) != seed] + lines)
+            print(f"{number}/{len(missing)}: {row.name}, seed {seed}, {describe(lines[-1])}", flush=True)
+    if failed:
+        raise RuntimeError("some cells failed:\n" + "\n".join(failed))
+
+
+def describe(line: dict[str, str]) -> str:
+    """A recorded score as a person says it."""
+    return f"{100 * float(line['success_rate']):.0f} % at step {line['timesteps']}"
+
+
+def train_cell(row: Row, seed: int, logs: Path) -> list[dict[str, str]]:
+    """Train one cell in a process of its own, with one thread, and return its scores with where they come from."""
+    folder = logs / row.name / f"seed_{seed}"
+    folder.mkdir(parents=True, exist_ok=True)
+    runs_before = set(folder.glob("*/*/"))
+    command = [sys.executable, "-m", "sb3_stereo.train", *row.command(seed)[2:], "-f", str(folder)]
+    with (folder / "output.txt").open("w", encoding="utf-8") as output:
+        subprocess.run([*command, "--num-threads", "1", "--n-eval-envs", "1"], stdout=output, stderr=output, check=True)
+    (run,) = set(folder.glob("*/*/")) - runs_before
+    provenance = {"command": " ".join(row.command(seed)), "versions": versions()}
+    with (run / "evaluations.csv").open(newline="", encoding="utf-8") as file:
+        return [{"seed": str(seed), **line, **provenance} for line in csv.DictReader(file)]
+
+
+def versions() -> str:
+    """Of everything that decides a result, in one line."""
+    packages = [f"{name} {version(name)}" for name in PACKAGES]
+    return ", ".join([f"Python {platform.python_version()}", *packages])

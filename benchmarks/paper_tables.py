@@ -1,0 +1,89 @@
+"""The paper's Tables 3 and 4 next to ours.
+
+    python -m benchmarks.paper_tables
+
+trains every cell (row x seed) that has no record yet, in parallel over the cores, then writes `benchmarks/RESULTS.md`
+and the learning curves from the records in `benchmarks/results/`. It can be interrupted at any time; it loses no
+finished cell. `--report` only writes the report, the same bytes from the same records.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from benchmarks import cells
+from benchmarks.cells import Row, train_missing
+from benchmarks.report import write_report
+from sb3_stereo.runtime import available_cores
+
+DDPG_CHECKPOINTS = (1500, 2000, 5000, 7000, 8500)  # Table 3
+OUR_CHECKPOINTS = (1500, 2000, 3000, 5000, 7000, 8500)
+DQN_CHECKPOINTS = (1500, 3500, 5500, 7500, 10000)  # Table 4
+PIXEL = "policy_kwargs.features_extractor_kwargs.input_norm:pixel"
+
+
+def paper_ddpg(gamma: float, reading: str) -> Row:
+    """Table 1, with one of the two readings of "batch normalisation at the input"."""
+    params = (f"gamma:{gamma}", *([PIXEL] if reading == "pixel" else []))
+    arguments = ("-conf", "hyperparams/paper/ddpg.yml", "-params", *params)
+    label = f"DDPG, Table 1, γ {gamma}, input statistics per {reading}"
+    return Row(f"paper_ddpg_{reading}_gamma_{gamma}", "ddpg", label, arguments, DDPG_CHECKPOINTS)
+
+
+def paper_dqn(gamma: float) -> Row:
+    """Table 2."""
+    arguments = ("-conf", "hyperparams/paper/dqn.yml", "-params", f"gamma:{gamma}")
+    return Row(f"paper_dqn_gamma_{gamma}", "dqn", f"DQN, Table 2, γ {gamma}", arguments, DQN_CHECKPOINTS)
+
+
+ROWS = (
+    Row("ours_ddpg", "ddpg", "**DDPG, ours**", (), OUR_CHECKPOINTS),
+    paper_ddpg(0.99, "channel"),
+    paper_dqn(0.2),
+    Row("ours_dqn", "dqn", "**DQN, ours**", (), DQN_CHECKPOINTS),
+    paper_ddpg(0.99, "pixel"),
+    paper_dqn(0.5),
+    paper_dqn(0.9),
+    paper_ddpg(0.9, "channel"),
+    paper_ddpg(0.5, "channel"),
+    paper_ddpg(0.9, "pixel"),
+    paper_ddpg(0.5, "pixel"),
+)
+
+
+def quick(row: Row) -> Row:
+    """The same row, so short that all of them take minutes: everything is run and nothing is learnt."""
+    params = ("learning_starts:20", "batch_size:8")
+    flags = row.arguments if "-params" in row.arguments else (*row.arguments, "-params")
+    return replace(row, arguments=(*flags, *params), checkpoints=(30,))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.paper_tables", description="Tables 3 and 4 and ours.")
+    parser.add_argument("--seeds", type=int, default=5, help="seeds per row, from 0 (default: 5)")
+    parser.add_argument("--rows", nargs="+", default=[], metavar="NAME", help="only these (default: all)")
+    parser.add_argument("--workers", type=int, default=available_cores(), help="cells at a time (default: the cores)")
+    parser.add_argument("--logs", type=Path, default=Path("logs/tables"), help="the cells' runs (default: logs/tables)")
+    parser.add_argument("--report", action="store_true", help="train nothing")
+    parser.add_argument("--quick", action="store_true", help="a tiny version of everything, in a temporary folder")
+    args = parser.parse_args(argv)
+    names = [row.name for row in ROWS]
+    for name in set(args.rows) - set(names):
+        parser.error(f"unknown row '{name}'; rows are {', '.join(names)}")
+    rows = [row for row in ROWS if not args.rows or row.name in args.rows]
+    if args.quick:
+        with tempfile.TemporaryDirectory() as folder:
+            cells.RESULTS = Path(folder) / "results"
+            train_missing([quick(row) for row in rows], range(1), Path(folder) / "logs", args.workers)
+            print(write_report([quick(row) for row in rows], Path(folder)).read_text(encoding="utf-8"))
+        return
+    if not args.report:
+        train_missing(rows, range(args.seeds), args.logs, args.workers)
+    print(f"Wrote {write_report(ROWS, Path(__file__).parent)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""The report of the tables, a pure function of the records."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import bootstrap, trim_mean
+
+from benchmarks.cells import Row, read
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt
+
+Floats = NDArray[np.float64]
+
+# Tables 3 and 4: success in % and average number of steps at each row's checkpoints.
+PUBLISHED = {
+    "paper_ddpg_channel_gamma_0.99": ((100, 100, 100, 100, 100), (1.95, 2.92, 2.42, 2.21, 1.98)),
+    "paper_ddpg_pixel_gamma_0.99": ((100, 100, 100, 100, 100), (1.95, 2.92, 2.42, 2.21, 1.98)),
+    "paper_dqn_gamma_0.2": ((31, 100, 81, 100, 100), (21.31, 2.52, 8.86, 3.15, 2.96)),
+    "paper_dqn_gamma_0.5": ((62, 64, 89, 97, 96), (16.19, 12.35, 6.11, 4.7, 6.12)),
+}
+
+HEAD = """# Measured results
+
+Written by `python -m benchmarks.paper_tables --report` from the records in `benchmarks/results/`; do not edit.
+
+Every agent is scored on the same 100 test poses, deterministically. Success is the mean over seeds, with the 95 %
+bootstrap interval of the mean; steps are averaged over the poses that were reached (failures are not counted), then
+over seeds. |a| is the mean absolute action on the way: near 1 the actor is saturated. "Published" are the paper's
+numbers. The paper leaves open whether its batch normalisation at the input is per channel or per pixel; both are here, and
+neither is claimed to be the paper's.
+"""
+
+
+def write_report(rows: Sequence[Row], folder: Path) -> Path:
+    """Write `RESULTS.md` and the pictures into `folder`, and return the report's path."""
+    parts = [HEAD]
+    for algo, title in (("ddpg", "DDPG (Table 3)"), ("dqn", "DQN (Table 4)")):
+        chosen = [row for row in rows if row.algo == algo and read(row.record)]
+        if chosen:
+            picture = f"learning_curves_{algo}.svg"
+            draw(chosen, folder / picture, title)
+            parts.append(f"## {title}\n\n![Success over environment steps]({picture})\n\n{table(chosen)}")
+    missing = [f"`{row.name}`" for row in rows if not read(row.record)]
+    if missing:
+        parts.append(f"Not measured yet: {', '.join(missing)}.\n")
+    parts.append(provenance(rows))
+    report = folder / "RESULTS.md"
+    report.write_text("\n".join(parts), encoding="utf-8")
+    return report
+
+
+def matrix(row: Row, column: str) -> Floats:
+    """One column of a row's record, shape (n_seeds, n_checkpoints)."""
+    by_seed: dict[str, dict[int, float]] = {}
+    for line in read(row.record):
+        by_seed.setdefault(line["seed"], {})[int(line["timesteps"])] = float(line[column])
+    finished = [scores for scores in by_seed.values() if row.checkpoints[-1] in scores]
+    return np.array([[scores[step] for step in row.checkpoints] for scores in finished])
+
+
+def interval(values: Floats, statistic: object = np.mean) -> tuple[float, float]:
+    """95 % bootstrap interval of a statistic over seeds; the value itself where all seeds agree."""
+    if len(values) < 2 or np.ptp(values) == 0:
+        centre = float(statistic(values))  # type: ignore[operator]
+        return centre, centre
+    result = bootstrap((values,), statistic, method="percentile", rng=np.random.default_rng(0), vectorized=False)
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
+
+
+def table(rows: Iterable[Row]) -> str:
+    """A Markdown table per row: a column per checkpoint."""
+    return "\n".join(_row_table(row) for row in rows)
+
+
+def _row_table(row: Row) -> str:
+    success, steps = 100 * matrix(row, "success_rate"), matrix(row, "mean_steps_success")
+    actions, values = matrix(row, "mean_action"), matrix(row, "mean_q")
+    lines = [
+        f"### {row.label}, {len(success)} seeds\n",
+        _line(["environment steps", *(f"{step}" for step in row.checkpoints)]),
+        _line(["---"] * (len(row.checkpoints) + 1)),
+        _line(["success, %", *(_with_interval(column) for column in success.T)]),
+        _line(["steps when reached", *(_mean(column) for column in steps.T)]),
+        _line(["mean \\|a\\|", *(_mean(column) for column in actions.T)]),
+        _line(["mean Q", *(_mean(column) for column in values.T)]),
+    ]
+    if row.name in PUBLISHED:
+        published_success, published_steps = PUBLISHED[row.name]
+        lines.insert(4, _line(["published success, %", *map(str, published_success)]))
+        lines.insert(6, _line(["published steps", *map(str, published_steps)]))
+    return "\n".join(lines) + f"\n\n`{' '.join(row.command(0))}`\n"
+
+
+def _line(entries: Sequence[str]) -> str:
+    return f"| {' | '.join(entries)} |"
+
+
+def _with_interval(values: Floats) -> str:
+    low, high = interval(values)
+    return f"{values.mean():.1f} ({low:.0f} to {high:.0f})"
+
+
+def _mean(values: Floats) -> str:
+    """Over the seeds that have a value; a seed that never reached has no steps."""
+    known = values[~np.isnan(values)]
+    return f"{known.mean():.2f}" if known.size else "–"
+
+
+def draw(rows: Iterable[Row], file: Path, title: str) -> None:
+    """Success over steps: interquartile mean over seeds and its interval."""
+    plt.rcParams["svg.hashsalt"] = "sb3_stereo"  # the same bytes from the same records
+    figure, axes = plt.subplots(figsize=(7.5, 4.5), layout="constrained")
+    for row in rows:
+        success = 100 * matrix(row, "success_rate")
+        middle = [trim_mean(column, 0.25) for column in success.T]
+        low, high = np.transpose([interval(column, lambda values: trim_mean(values, 0.25)) for column in success.T])
+        (curve,) = axes.plot(
+            row.checkpoints, middle, marker="o", label=f"{row.label.strip('*')} ({len(success)} seeds)"
+        )
+        axes.fill_between(row.checkpoints, low, high, alpha=0.2, color=curve.get_color())
+    axes.set(title=title, xlabel="environment steps", ylabel="test poses reached [%]", ylim=(-3, 103))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small")
+    figure.savefig(file, metadata={"Date": None})
+    plt.close(figure)
+
+
+def provenance(rows: Iterable[Row]) -> str:
+    """The versions that made the records."""
+    known = sorted({line["versions"] for row in rows for line in read(row.record)})
+    return "Made with: " + "; ".join(known) + ".\n" if known else "No records yet.\n"
