@@ -1,0 +1,95 @@
+"""The report of the tables, from records made by hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import cells
+from benchmarks.cells import Row, read, train_missing, write
+from benchmarks.report import interval, matrix, write_report
+
+ROW = Row("made_up", "ddpg", "Made up", ("-params", "gamma:0.9"), (10, 20))
+SCORES = {  # (seed, step): success rate, steps, mean action, mean Q
+    (0, 10): ("0.0", "nan", "1.0", "0.5"),
+    (0, 20): ("1.0", "2.0", "0.5", "0.25"),
+    (1, 10): ("0.5", "4.0", "0.5", "0.5"),
+    (1, 20): ("1.0", "3.0", "0.5", "0.75"),
+}
+COLUMNS = ("success_rate", "mean_steps_success", "mean_action", "mean_q")
+
+
+@pytest.fixture
+def records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(cells, "RESULTS", tmp_path / "results")
+    lines = [
+        {"seed": str(seed), "timesteps": str(step), **dict(zip(COLUMNS, scores, strict=True)), "versions": "Python 3"}
+        for (seed, step), scores in SCORES.items()
+    ]
+    write(ROW.record, reversed(lines))
+    return tmp_path
+
+
+def test_the_table_is_the_one_worked_out_by_hand(records: Path) -> None:
+    text = write_report([ROW], records).read_text()
+    table = """### Made up, 2 seeds
+
+| environment steps | 10 | 20 |
+| --- | --- | --- |
+| success, % | 25.0 (0 to 50) | 100.0 (100 to 100) |
+| steps when reached | 4.00 | 2.50 |
+| mean \\|a\\| | 0.75 | 0.50 |
+| mean Q | 0.50 | 0.50 |
+
+`python train.py --algo ddpg -params gamma:0.9 --seed 0 -n 20`
+"""
+    assert table in text
+    assert text.endswith("Made with: Python 3.\n")
+    assert (records / "learning_curves_ddpg.svg").stat().st_size > 1000
+
+
+def test_the_same_records_give_the_same_bytes(records: Path) -> None:
+    def everything() -> dict[str, bytes]:
+        write_report([ROW], records)
+        return {file.name: file.read_bytes() for file in records.glob("*.*")}
+
+    assert everything() == everything()
+
+
+def test_records_are_sorted_and_read_as_written(records: Path) -> None:
+    assert [(int(line["seed"]), int(line["timesteps"])) for line in read(ROW.record)] == sorted(SCORES)
+    np.testing.assert_array_equal(matrix(ROW, "success_rate"), [[0.0, 1.0], [0.5, 1.0]])
+    assert ROW.done() == {0, 1}
+
+
+def test_an_unfinished_seed_is_not_done_and_not_in_the_table(records: Path) -> None:
+    write(ROW.record, [*read(ROW.record), {**read(ROW.record)[0], "seed": "2"}])
+    assert ROW.done() == {0, 1}
+    assert len(matrix(ROW, "success_rate")) == 2
+
+
+def test_a_row_without_records_is_named_as_missing(records: Path) -> None:
+    other = Row("other", "dqn", "Other", (), (10,))
+    assert "Not measured yet: `other`." in write_report([ROW, other], records).read_text()
+
+
+def test_only_missing_cells_are_trained_and_each_is_recorded(records: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trained = []
+
+    def train_cell(row: Row, seed: int, logs: Path) -> list[dict[str, str]]:
+        trained.append(seed)
+        if seed == 3:
+            raise OSError("disk full")
+        return [{**line, "seed": str(seed)} for line in read(row.record) if line["seed"] == "0"]
+
+    monkeypatch.setattr(cells, "train_cell", train_cell)
+    with pytest.raises(RuntimeError) as error:
+        train_missing([ROW], range(5), records, n_workers=1)
+    assert str(error.value) == "some cells failed:\nmade_up, seed 3: disk full"
+    assert trained == [2, 3, 4] and ROW.done() == {0, 1, 2, 4}
+
+
+def test_interval_of_equal_seeds_is_their_value_and_of_others_lies_around_the_mean() -> None:
+    assert interval(np.full(5, 7.0)) == (7.0, 7.0)
+    low, high = interval(np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
+    assert 1.0 < low < 3.0 < high < 5.0
