@@ -65,13 +65,14 @@ class MirrorReplayBuffer(ReplayBuffer):
     def _get_samples(self, batch_inds: np.ndarray, env: VecNormalize | None = None) -> ReplayBufferSamples:
         samples = super()._get_samples(batch_inds, env)
         chosen = th.as_tensor(np.random.random(len(batch_inds)) < 0.5, device=self.device)  # SB3's generator
-        return samples._replace(
-            observations=th.where(chosen[:, None, None, None], self.mirror(samples.observations), samples.observations),
-            actions=th.where(chosen[:, None], self.mirror_actions(samples.actions), samples.actions),
-            next_observations=th.where(
-                chosen[:, None, None, None], self.mirror(samples.next_observations), samples.next_observations
-            ),
-        )
+        observations, actions, next_observations = samples[:3]
+        for tensor, mirror in (
+            (observations, self.mirror),
+            (actions, self.mirror_actions),
+            (next_observations, self.mirror),
+        ):
+            tensor[chosen] = mirror(tensor[chosen])  # the sample is a copy of the buffer
+        return samples
 
     def mirror(self, images: th.Tensor) -> th.Tensor:
         """Flip every view of (batch, 1, n_views * height, width) left to right and reverse their order."""
