@@ -18,7 +18,9 @@ def make_parser() -> argparse.ArgumentParser:
     add_model_flags(parser)
     parser.add_argument("--poses", type=int, default=0, metavar="N", help="take N random poses instead")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the random poses (default: 0)")
-    parser.add_argument("--n-envs", type=int, default=1, help="environments, each in its own process (default: 1)")
+    parser.add_argument(
+        "--n-envs", type=int, default=-1, help="environments, each in its own process (default: free cores, up to 4)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_process_flags(parser)
     return parser
@@ -40,12 +42,13 @@ def evaluate_command(args: argparse.Namespace) -> int:
     path = model_path(args.run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
     starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id)
+    n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
     result = evaluate(
         load_model(config.algo, path, args.device),
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
         starts,
-        max(1, args.n_envs),
-        VEC_ENVS["subproc" if args.n_envs > 1 else "dummy"],
+        n_envs,
+        VEC_ENVS["subproc" if n_envs > 1 else "dummy"],
     )
     print(json.dumps(json_scores(result.scores())) if args.json else f"{path}: {describe(result)}")
     return 0

@@ -36,7 +36,12 @@ def make_parser() -> argparse.ArgumentParser:
         default=0,
         help="steps between scores (default: the paper's checkpoints; -1: only the end)",
     )
-    parser.add_argument("--n-eval-envs", type=int, default=1, help="environments per score (default: 1)")
+    parser.add_argument(
+        "--n-eval-envs",
+        type=int,
+        default=-1,
+        help="environments per score, in processes (default: free cores, up to 4)",
+    )
     parser.add_argument("--save-freq", type=int, default=-1, help="steps between checkpoints (default: none)")
     parser.add_argument("-tb", "--tensorboard-log", help="TensorBoard folder (default: none)")
     parser.add_argument("-P", "--progress", action="store_true", help="draw the progress bar even without a terminal")
@@ -64,7 +69,7 @@ def train_command(args: argparse.Namespace) -> int:
         seed=seed,
         log_folder=args.log_folder,
         eval_freq=args.eval_freq,
-        n_eval_envs=max(1, args.n_eval_envs),
+        n_eval_envs=args.n_eval_envs if args.n_eval_envs > 0 else runtime.free_cores(),
         save_freq=args.save_freq,
         tensorboard_log=args.tensorboard_log,
         device=args.device,

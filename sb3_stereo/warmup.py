@@ -8,17 +8,17 @@ class WarmUp(BaseCallback):
     """Train on the random transitions once, when `learning_starts` of them are there.
 
     Args:
-        gradient_steps: How many updates to make then.
+        replay_ratio: Updates per random transition.
         verbose: As in SB3.
     """
 
-    def __init__(self, gradient_steps: int, verbose: int = 0) -> None:
+    def __init__(self, replay_ratio: float, verbose: int = 0) -> None:
         super().__init__(verbose)
-        self.gradient_steps = gradient_steps
+        self.replay_ratio = replay_ratio
 
     def _on_step(self) -> bool:
         model = self.model
         assert isinstance(model, OffPolicyAlgorithm)
         if model._n_updates == 0 and self.num_timesteps >= model.learning_starts:
-            model.train(gradient_steps=self.gradient_steps, batch_size=model.batch_size)
+            model.train(gradient_steps=round(self.replay_ratio * model.learning_starts), batch_size=model.batch_size)
         return True

@@ -10,6 +10,12 @@ th.set_num_threads(1)
 os.environ["OMP_NUM_THREADS"] = "1"  # for the processes that tests start
 
 
+@pytest.fixture(autouse=True)
+def _sb3_log_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SB3 makes a folder per model in the system's temporary one, unless told where."""
+    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "sb3"))
+
+
 @pytest.fixture
 def logs(tmp_path: Path) -> Path:
     """A log folder that does not exist yet."""

@@ -31,7 +31,8 @@ def tiny_config(algo: str = "ddpg", n_timesteps: int = 30, **params: Any) -> Con
 
 
 def run_train(logs: Path, *arguments: str, params: list[str] = TINY) -> int:
-    return train_cli.main([*ENV, *QUICK, "-f", str(logs), "--seed", "1", "-params", *params, *arguments])
+    flags = [*ENV, *QUICK, "--n-eval-envs", "1", "-f", str(logs), "--seed", "1"]
+    return train_cli.main([*flags, "-params", *params, *arguments])
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "dqn", "td3"])
@@ -54,13 +55,16 @@ def test_train_then_evaluate_then_enjoy(algo: str, logs: Path, capsys: pytest.Ca
     rows = list(csv.DictReader((run / "evaluations.csv").open()))
     assert [row["timesteps"] for row in rows] == ["20", "40"]
 
-    assert evaluate.main([str(run), "--json", "--num-threads", "1"]) == 0
+    assert evaluate.main([str(run), "--json", "--num-threads", "1", "--n-envs", "1"]) == 0
     scores = json.loads(capsys.readouterr().out)
     assert scores["n_poses"] == 100
     assert scores["success_rate"] == float(rows[-1]["success_rate"])
     assert scores["mean_steps_capped"] == float(rows[-1]["mean_steps_capped"])
     assert {"mean_steps_success", "mean_pixel_distance"} <= scores.keys()
-    assert evaluate.main([str(run), "--load-best", "--poses", "3", "--seed", "5", "--num-threads", "1"]) == 0
+    assert (
+        evaluate.main([str(run), "--load-best", "--poses", "3", "--seed", "5", "--num-threads", "1", "--n-envs", "1"])
+        == 0
+    )
     assert f"{run / 'best_model.zip'}: reached the target from " in capsys.readouterr().out
 
     assert enjoy.main(["--algo", algo, *ENV, *QUICK, "-f", str(logs), "-n", "20", "--no-render"]) == 0
@@ -118,7 +122,7 @@ def test_a_signal_saves_a_usable_run(number: signal.Signals, logs: Path) -> None
         process.kill()
     assert process.returncode == 130
     assert output.splitlines()[-1].startswith(f"Interrupted by {number.name} after ")
-    assert evaluate.main([str(run), "--poses", "2", "--num-threads", "1"]) == 0
+    assert evaluate.main([str(run), "--poses", "2", "--num-threads", "1", "--n-envs", "1"]) == 0
 
 
 def test_an_unseeded_run_prints_and_records_its_seed(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
