@@ -97,7 +97,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         _require(len(cameras) > 0, "no cameras; give at least one CameraSpec")
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self._braked = brake
-        self._n_pulse_steps = max(1, round(pulse_duration * physics_rate))
+        self.n_pulse_steps = max(1, round(pulse_duration * physics_rate))
         self._default_target = _vector("target_position", target_position, 3)
         n_joints = len(arm.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
@@ -150,7 +150,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
             ValueError: If the action has another shape or is not finite.
         """
         efforts = np.clip(_vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
-        self.arm.push(efforts.tolist(), self._n_pulse_steps)
+        self.arm.push(efforts.tolist(), self.n_pulse_steps)
         if self._braked:
             self.arm.brake()
         previous = self._distances
