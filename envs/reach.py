@@ -58,7 +58,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
             that one pulse makes.
         pulse_duration: How long an action's efforts last, in [s].
         physics_rate: Simulation steps per second, in [Hz], at least 240.
-        effort_scale: Factor on the arm's effort limits.
+        effort_limits: Effort of a full action per actuated joint, in [N m], positive; None for the arm's own.
         damping: Viscous damping per actuated joint, in [N m s/rad]; None for the arm's own.
         gravity_compensation: Cancel the arm's weight, as the WAM's controller always does. The compensation is
             ideal: its torques cancel gravity's at every instant, which is the motion without gravity.
@@ -84,7 +84,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         distance_scale: float = 100.0,
         pulse_duration: float = 0.5,
         physics_rate: float = 240.0,
-        effort_scale: float = 1.0,
+        effort_limits: Sequence[float] | None = None,
         damping: Sequence[float] | None = None,
         gravity_compensation: bool = True,
         brake: bool = True,
@@ -92,9 +92,11 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"unknown render_mode '{render_mode}'; it is one of None, 'rgb_array', 'human'")
-        _positive(rho=rho, distance_scale=distance_scale, pulse_duration=pulse_duration, effort_scale=effort_scale)
+        _positive(rho=rho, distance_scale=distance_scale, pulse_duration=pulse_duration)
         _require(240 <= physics_rate < math.inf, f"physics_rate is {physics_rate}; give at least 240 Hz")
         _require(len(cameras) > 0, "no cameras; give at least one CameraSpec")
+        sizes = {f"{camera.width} x {camera.height}" for camera in cameras}
+        _require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self._braked = brake
         self.n_pulse_steps = max(1, round(pulse_duration * physics_rate))
@@ -113,7 +115,8 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self.arm = Arm(arm, self._client)
         if damping is not None:
             self.arm.set_damping(_vector("damping", damping, n_joints))
-        self.effort_limits = effort_scale * np.array(arm.effort_limits)
+        self.effort_limits = _vector("effort_limits", effort_limits or arm.effort_limits, n_joints)
+        _require(bool(np.all(self.effort_limits > 0)), f"effort_limits are {effort_limits}; give positive numbers")
         self.markers = tuple(self._add_ball(colour, arm.marker_radius) for colour in (RED, BLUE))
         self._start = self._client.saveState()
 

@@ -4,6 +4,7 @@ import multiprocessing
 import pickle
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
@@ -16,6 +17,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 import sb3_stereo
+from sb3_stereo.envs.cameras import STEREO_PAIR
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.rewards import distance_change, reward
 
@@ -245,7 +247,7 @@ def test_efforts_scale_and_damping_slows() -> None:
         return float(after["joint_positions"][0] - before["joint_positions"][0])
 
     normal = travel()
-    assert travel(effort_scale=1.5) == pytest.approx(1.5 * normal, rel=0.05)
+    assert travel(effort_limits=(30, 45, 15, 7.5)) == pytest.approx(1.5 * normal, rel=0.05)
     assert travel(damping=(40, 10, 4, 2)) < 0.5 * normal
     assert travel(pulse_duration=0.25) < 0.6 * normal
     assert travel(physics_rate=960) == pytest.approx(normal, rel=0.02)
@@ -334,6 +336,12 @@ def test_actions_outside_the_space_are_clipped(env: StereoReachEnv) -> None:
         ({"physics_rate": 60}, "physics_rate is 60; give at least 240 Hz"),
         ({"cameras": ()}, "no cameras; give at least one CameraSpec"),
         ({"damping": (1, 2)}, "damping has shape (2,); give (4,)"),
+        ({"effort_limits": (1, 2)}, "effort_limits has shape (2,); give (4,)"),
+        ({"effort_limits": (1, 2, 0, 1)}, "effort_limits are (1, 2, 0, 1); give positive numbers"),
+        (
+            {"cameras": (STEREO_PAIR[0], replace(STEREO_PAIR[1], width=160))},
+            "cameras of 160 x 240, 320 x 240 px; give all the same size",
+        ),
     ],
 )
 def test_wrong_arguments_are_explained(arguments: dict[str, Any], message: str) -> None:
