@@ -1,7 +1,8 @@
 """The report of the tables, a pure function of the records."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -62,12 +63,16 @@ def matrix(row: Row, column: str) -> Floats:
     return np.array([[scores[step] for step in row.checkpoints] for scores in finished])
 
 
-def interval(values: Floats, statistic: object = np.mean) -> tuple[float, float]:
+def interquartile_mean(values: Floats, axis: int = -1) -> Floats:
+    """The mean of the middle half."""
+    return np.asarray(trim_mean(values, 0.25, axis=axis))
+
+
+def interval(values: Floats, statistic: Callable[..., Any] = np.mean) -> tuple[float, float]:
     """95 % bootstrap interval of a statistic over seeds; the value itself where all seeds agree."""
     if len(values) < 2 or np.ptp(values) == 0:
-        centre = float(statistic(values))  # type: ignore[operator]
-        return centre, centre
-    result = bootstrap((values,), statistic, method="percentile", rng=np.random.default_rng(0), vectorized=False)
+        return float(values[0]), float(values[0])
+    result = bootstrap((values,), statistic, method="percentile", rng=np.random.default_rng(0))
     return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
 
@@ -116,8 +121,8 @@ def draw(rows: Iterable[Row], file: Path, title: str) -> None:
     figure, axes = plt.subplots(figsize=(7.5, 4.5), layout="constrained")
     for row in rows:
         success = 100 * matrix(row, "success_rate")
-        middle = [trim_mean(column, 0.25) for column in success.T]
-        low, high = np.transpose([interval(column, lambda values: trim_mean(values, 0.25)) for column in success.T])
+        middle = interquartile_mean(success, axis=0)
+        low, high = np.transpose([interval(column, interquartile_mean) for column in success.T])
         (curve,) = axes.plot(
             row.checkpoints, middle, marker="o", label=f"{row.label.strip('*')} ({len(success)} seeds)"
         )

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks import cells
 from benchmarks.cells import Row, read, train_missing, write
+from benchmarks.paper_tables import ROWS
 from benchmarks.report import interval, matrix, write_report
 
 ROW = Row("made_up", "ddpg", "Made up", ("-params", "gamma:0.9"), (10, 20))
@@ -93,3 +94,14 @@ def test_interval_of_equal_seeds_is_their_value_and_of_others_lies_around_the_me
     assert interval(np.full(5, 7.0)) == (7.0, 7.0)
     low, high = interval(np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
     assert 1.0 < low < 3.0 < high < 5.0
+
+
+def test_the_readme_quotes_the_committed_report() -> None:
+    root = Path(__file__).parent.parent
+    quoted = (root / "README.md").read_text().split("<!-- results -->\n")[1].split("<!-- end of results -->")[0]
+    assert quoted.count("|") > 20 and quoted in (root / "benchmarks" / "RESULTS.md").read_text()
+
+
+def test_the_committed_report_is_that_of_the_committed_records(tmp_path: Path) -> None:
+    committed = Path(__file__).parent.parent / "benchmarks"
+    assert write_report(ROWS, tmp_path).read_bytes() == (committed / "RESULTS.md").read_bytes()
