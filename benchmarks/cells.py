@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import csv
-import platform
 import subprocess
 import sys
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
+from sb3_stereo.runs import versions
+
 RESULTS = Path(__file__).parent / "results"
-PACKAGES = ("sb3_stereo", "stable_baselines3", "torch", "gymnasium", "pybullet", "numpy")
 
 
 @dataclass(frozen=True)
@@ -108,12 +107,9 @@ def train_cell(row: Row, seed: int, logs: Path) -> list[dict[str, str]]:
     with (folder / "output.txt").open("w", encoding="utf-8") as output:
         subprocess.run([*command, "--num-threads", "1", "--n-eval-envs", "1"], stdout=output, stderr=output, check=True)
     (run,) = set(folder.glob("*/*/")) - runs_before
-    provenance = {"command": " ".join(row.command(seed)), "versions": versions()}
+    provenance = {
+        "command": " ".join(row.command(seed)),
+        "versions": ", ".join(f"{name} {found}" for name, found in versions().items()),
+    }
     with (run / "evaluations.csv").open(newline="", encoding="utf-8") as file:
         return [{"seed": str(seed), **line, **provenance} for line in csv.DictReader(file)]
-
-
-def versions() -> str:
-    """Of everything that decides a result, in one line."""
-    packages = [f"{name} {version(name)}" for name in PACKAGES]
-    return ", ".join([f"Python {platform.python_version()}", *packages])

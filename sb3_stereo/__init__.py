@@ -14,10 +14,13 @@ __version__ = "0.1.0"
 _LAZY = {
     "AnnealExploration": "sb3_stereo.exploration",
     "AnnealedOrnsteinUhlenbeckNoise": "sb3_stereo.exploration",
+    "MirrorExperience": "sb3_stereo.buffers",
+    "MirrorReplayBuffer": "sb3_stereo.buffers",
     "QuantizedActions": "sb3_stereo.envs.wrappers",
     "StereoCnn": "sb3_stereo.extractors",
     "StereoDDPGPolicy": "sb3_stereo.policies",
     "StereoDQNPolicy": "sb3_stereo.policies",
+    "WarmUp": "sb3_stereo.warmup",
 }
 
 __all__ = ["ENV_IDS", "__version__", *_LAZY]
