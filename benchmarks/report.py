@@ -85,7 +85,7 @@ def _row_table(row: Row) -> str:
     success, steps = 100 * matrix(row, "success_rate"), matrix(row, "mean_steps_success")
     actions, values = matrix(row, "mean_action"), matrix(row, "mean_q")
     lines = [
-        f"### {row.label}, {len(success)} seeds\n",
+        f"### {row.label}, {_seeds(success)}\n",
         _line(["environment steps", *(f"{step}" for step in row.checkpoints)]),
         _line(["---"] * (len(row.checkpoints) + 1)),
         _line(["success, %", *(_with_interval(column) for column in success.T)]),
@@ -100,11 +100,18 @@ def _row_table(row: Row) -> str:
     return "\n".join(lines) + f"\n\n`{' '.join(row.command(0))}`\n"
 
 
+def _seeds(matrix_of_row: Floats) -> str:
+    n_seeds = len(matrix_of_row)
+    return f"{n_seeds} seed" + "s" * (n_seeds != 1)
+
+
 def _line(entries: Sequence[str]) -> str:
     return f"| {' | '.join(entries)} |"
 
 
 def _with_interval(values: Floats) -> str:
+    if len(values) == 1:
+        return f"{values[0]:.1f}"  # one seed has no interval
     low, high = interval(values)
     return f"{values.mean():.1f} ({low:.0f} to {high:.0f})"
 
@@ -123,9 +130,7 @@ def draw(rows: Iterable[Row], file: Path, title: str) -> None:
         success = 100 * matrix(row, "success_rate")
         middle = interquartile_mean(success, axis=0)
         low, high = np.transpose([interval(column, interquartile_mean) for column in success.T])
-        (curve,) = axes.plot(
-            row.checkpoints, middle, marker="o", label=f"{row.label.strip('*')} ({len(success)} seeds)"
-        )
+        (curve,) = axes.plot(row.checkpoints, middle, marker="o", label=f"{row.label.strip('*')} ({_seeds(success)})")
         axes.fill_between(row.checkpoints, low, high, alpha=0.2, color=curve.get_color())
     axes.set(title=title, xlabel="environment steps", ylabel="test poses reached [%]", ylim=(-3, 103))
     axes.grid(alpha=0.3)
