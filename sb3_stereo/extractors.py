@@ -83,7 +83,7 @@ def _gaussian_columns(size: int, sigma: float, downsample: int) -> th.Tensor:
     """Weights (size, size / downsample) of a Gaussian around every kept pixel; each column adds up to 1."""
     kept = th.arange(size // downsample) * downsample + (downsample - 1) / 2
     distance = (th.arange(size)[:, None] - kept) / sigma
-    # Cut off at 4 sigma: the tails are denormal numbers, which make the product fifty times slower.
+    # Cut off at 4 sigma: the tails are denormal numbers, which slow the product down many times.
     weights = th.where(distance.abs() <= 4, th.exp(-0.5 * distance**2), 0.0)
     return weights / weights.sum(dim=0)
 
