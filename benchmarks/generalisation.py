@@ -2,9 +2,9 @@
 
     python -m benchmarks.generalisation
 
-takes random transitions, trains the critic of `hyperparams/ddpg.yml` on the rewards alone (gamma = 0), with and
-without its parts, and prints R^2 on transitions that it has and has not seen. Where the last column is near 0, no
-learner works.
+takes random transitions, trains the encoder and the critic of `hyperparams/ddpg.yml` on them, the critic on the rewards
+alone (gamma = 0), with and without some parts, and prints R^2 of the rewards of transitions that it has and has not
+seen. Where the last column is near 0, no learner works.
 """
 
 import argparse
@@ -18,9 +18,11 @@ import numpy as np
 import torch as th
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
+from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.utils import ConstantSchedule
 
-from sb3_stereo.buffers import MirrorReplayBuffer
+from sb3_stereo.auxiliary import MotionHeads, MotionLearner
+from sb3_stereo.buffers import OFFSETS, StereoReplayBuffer
 from sb3_stereo.config import load_config
 from sb3_stereo.policies import StereoDDPGPolicy
 from sb3_stereo.runtime import available_cores
@@ -31,12 +33,17 @@ N_TEST = 2000
 EPISODE_LENGTH = 20  # shorter than the environment's: more poses
 
 
-class Transitions(NamedTuple):
-    """Images (n, c, h, w) uint8, actions (n, n_joints), rewards (n, 1)."""
+Column = NDArray[Any]
 
-    images: NDArray[np.uint8]
-    actions: NDArray[np.float32]
-    rewards: NDArray[np.float32]
+
+class Transitions(NamedTuple):
+    """Columns of a replay buffer; images are (n, c, h, w) and uint8, the others (n, ...) and float32."""
+
+    observations: Column
+    next_observations: Column
+    actions: Column
+    rewards: Column
+    offsets: Column
 
 
 def collect(n: int, seed: int) -> Transitions:
@@ -47,12 +54,12 @@ def collect(n: int, seed: int) -> Transitions:
     transitions = []
     for _ in range(n):
         action = env.action_space.sample()
-        next_image, reward, terminated, truncated, _ = env.step(action)
-        transitions.append((image, action, (float(reward),)))
+        next_image, reward, terminated, truncated, info = env.step(action)
+        transitions.append((image, next_image, action, reward, info[OFFSETS]))
         image = env.reset()[0] if terminated or truncated else next_image
     env.close()
-    images, actions, rewards = map(np.array, zip(*transitions, strict=True))
-    return Transitions(images, actions, rewards.astype(np.float32))
+    columns = map(np.array, zip(*transitions, strict=True))
+    return Transitions(*(c if c.dtype == np.uint8 else c.astype(np.float32) for c in columns))
 
 
 def collect_in_parallel(n: int, seed: int, n_workers: int) -> Transitions:
@@ -62,56 +69,69 @@ def collect_in_parallel(n: int, seed: int, n_workers: int) -> Transitions:
     return Transitions(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
+def fill_buffer(transitions: Transitions, mirror_probability: float) -> StereoReplayBuffer:
+    """A replay buffer with these transitions."""
+    n, *shape = transitions.observations.shape
+    images, efforts = Box(0, 255, tuple(shape), np.uint8), Box(-1, 1, transitions.actions.shape[1:])
+    buffer = StereoReplayBuffer(n, images, efforts, device="cpu", mirror_probability=mirror_probability)
+    for image, next_image, action, reward, offsets in zip(*transitions, strict=True):
+        buffer.add(image[None], next_image[None], action[None], reward[None], np.zeros(1), [{OFFSETS: offsets}])
+    return buffer
+
+
 def fit_rewards(
-    policy_kwargs: dict[str, Any], data: Transitions, n_train: int, n_updates: int, mirrored: bool
+    policy_kwargs: dict[str, Any], data: Transitions, n_train: int, n_updates: int, mirror_probability: float = 0.5
 ) -> tuple[float, float]:
-    """Train a new critic on the rewards of the first transitions.
+    """Train a new encoder and critic on the first transitions.
 
     Returns:
-        R^2 on the first 1000 of them, and on the last `N_TEST`, unseen.
+        R^2 of the reward on the first 1000 of them, and on the last `N_TEST`, unseen.
     """
     th.manual_seed(0)
-    env = gym.make(ENV_ID)
-    image_space, action_space = env.observation_space, env.action_space
-    assert isinstance(action_space, Box)
-    env.close()
-    policy = StereoDDPGPolicy(image_space, action_space, ConstantSchedule(3e-4), **deepcopy(policy_kwargs))
-    mirror = MirrorReplayBuffer(1, image_space, action_space, device="cpu")
-    images, actions, rewards = (th.as_tensor(part) for part in data)
-    policy.set_training_mode(True)
+    np.random.seed(0)
+    buffer = fill_buffer(Transitions(*(column[:n_train] for column in data)), mirror_probability)
+    spaces = buffer.observation_space, buffer.action_space
+    policy = StereoDDPGPolicy(*spaces, ConstantSchedule(3e-4), **deepcopy(policy_kwargs))  # type: ignore[arg-type]
+    encoder = policy.critic.features_extractor
+    learner = MotionLearner(encoder, MotionHeads(encoder.features_dim, buffer.n_joints, buffer.n_views), 1e-3)
     for _ in range(n_updates):
-        chosen = th.randint(n_train, (BATCH_SIZE,))
-        batch, action = images[chosen], actions[chosen]
-        if mirrored:
-            flip = th.rand(BATCH_SIZE) < 0.5
-            batch[flip], action[flip] = mirror.mirror(batch[flip]), mirror.mirror_actions(action[flip])
-        errors = [(q - rewards[chosen]).square().mean() for q in policy.critic(batch, action)]
-        policy.critic.optimizer.zero_grad()
-        th.stack(errors).sum().backward()  # type: ignore[no-untyped-call]
-        policy.critic.optimizer.step()
-    policy.set_training_mode(False)
-    return _r2(policy, images[:1000], actions[:1000], rewards[:1000]), _r2(
-        policy, images[-N_TEST:], actions[-N_TEST:], rewards[-N_TEST:]
-    )
+        if policy.encoder_loss == "auxiliary":
+            learner.update(buffer.sample_motion(BATCH_SIZE))
+        _fit_batch(policy, buffer.sample(BATCH_SIZE))
+    return _r2(policy, data, slice(1000)), _r2(policy, data, slice(-N_TEST, None))
+
+
+def _fit_batch(policy: StereoDDPGPolicy, batch: ReplayBufferSamples) -> None:
+    policy.critic.set_training_mode(True)
+    errors = [(q - batch.rewards).square().mean() for q in policy.critic(batch.observations, batch.actions)]
+    policy.critic.optimizer.zero_grad()
+    th.stack(errors).sum().backward()  # type: ignore[no-untyped-call]
+    policy.critic.optimizer.step()
+    policy.critic.set_training_mode(False)
 
 
 @th.no_grad()
-def _r2(policy: StereoDDPGPolicy, images: th.Tensor, actions: th.Tensor, rewards: th.Tensor) -> float:
-    parts = zip(th.split(images, 500), th.split(actions, 500), strict=True)  # in parts, to spare memory
+def _r2(policy: StereoDDPGPolicy, data: Transitions, which: slice) -> float:
+    columns = data.observations[which], data.actions[which]
+    parts = zip(*(th.split(th.as_tensor(column), 500) for column in columns), strict=True)  # in parts, to spare memory
     predicted = th.cat([th.cat(policy.critic(image, action), dim=1).mean(1) for image, action in parts])
-    return float(1 - (predicted - rewards[:, 0]).square().mean() / rewards.var())
+    rewards = th.as_tensor(data.rewards[which])
+    return float(1 - (predicted - rewards).square().mean() / rewards.var())
 
 
-def variants(policy_kwargs: dict[str, Any]) -> dict[str, tuple[dict[str, Any], bool]]:
-    """What is compared: policy arguments, and whether the transitions are mirrored."""
-    sharp = deepcopy(policy_kwargs)
+def variants(policy_kwargs: dict[str, Any]) -> dict[str, tuple[dict[str, Any], float]]:
+    """What is compared: policy arguments, and the share of mirrored samples."""
+    sharp, wide, alone = deepcopy(policy_kwargs), deepcopy(policy_kwargs), deepcopy(policy_kwargs)
     for key in ("blur", "downsample", "kernel_sizes", "strides"):
-        sharp["features_extractor_kwargs"].pop(key, None)
+        sharp["features_extractor_kwargs"].pop(key)
+    wide["features_extractor_kwargs"].pop("embedding_dim")
+    alone["encoder_loss"] = "critic"
     return {
-        "ours": (policy_kwargs, True),
-        "without the mirror": (policy_kwargs, False),
-        "without the blur": (sharp, True),
-        "without both": (sharp, False),
+        "ours": (policy_kwargs, 0.5),
+        "without the mirror": (policy_kwargs, 0.0),
+        "without the blur": (sharp, 0.5),
+        "without the narrow embedding": (wide, 0.5),
+        "encoder trained by the critic": (alone, 0.5),
     }
 
 
@@ -119,16 +139,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.generalisation", description=__doc__.splitlines()[0])
     parser.add_argument("--transitions", type=int, default=4000, help="to train on (default: 4000)")
-    parser.add_argument("--updates", type=int, default=1000)
+    parser.add_argument("--updates", type=int, default=3000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=available_cores())
     args = parser.parse_args(argv)
     data = collect_in_parallel(args.transitions + N_TEST, args.seed, args.workers)
     policy_kwargs = dict(load_config("ddpg", ENV_ID).policy_kwargs)
-    print(f"{args.transitions} transitions, {args.updates} updates: R2 of the reward\n{'':20} seen  unseen")
-    for name, (kwargs, mirrored) in variants(policy_kwargs).items():
-        seen, unseen = fit_rewards(kwargs, data, args.transitions, args.updates, mirrored)
-        print(f"{name:20} {seen:4.2f}  {unseen:6.2f}", flush=True)
+    print(f"{args.transitions} transitions, {args.updates} updates: R2 of the reward\n{'':30} seen  unseen")
+    for name, (kwargs, mirror_probability) in variants(policy_kwargs).items():
+        seen, unseen = fit_rewards(kwargs, data, args.transitions, args.updates, mirror_probability)
+        print(f"{name:30} {seen:4.2f}  {unseen:6.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ class Blobs(NamedTuple):
     target: Centroid
 
     @property
-    def distance(self) -> float:
-        """Pixels between the two centroids (d of Eq. 2), nan when either is hidden."""
-        return float(np.hypot(*(self.end_effector - self.target)))
+    def offset(self) -> Centroid:
+        """From target to end effector in [px], shape (2,), nan when either is hidden; its length is d of Eq. 2."""
+        return self.end_effector - self.target
 
 
 def find_blobs(frame: Frame) -> Blobs:

@@ -34,7 +34,7 @@ class SavedState:
     bullet_id: int
     target_position: Floats
     frames: tuple[Image, ...]
-    distances: Floats
+    offsets: Floats
     end_effector_position: Floats
 
 
@@ -158,8 +158,9 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
             self.arm.brake()
         previous = self._distances
         self._look()
-        goal = rewards.is_goal(self._distances, self.rho)
-        changes = rewards.distance_change(previous, self._distances, self.distance_scale)
+        current = self._distances
+        goal = rewards.is_goal(current, self.rho)
+        changes = rewards.distance_change(previous, current, self.distance_scale)
         return composite.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info()
 
     def render(self) -> Image | None:
@@ -179,7 +180,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
             self._client.saveState(),
             self._target_position,
             self._frames,
-            self._distances,
+            self._offsets,
             self._end_effector_position,
         )
 
@@ -187,7 +188,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         """Go back to a saved state, exactly; it may be restored any number of times."""
         self._client.restoreState(state.bullet_id)
         self._target_position = state.target_position
-        self._frames, self._distances = state.frames, state.distances
+        self._frames, self._offsets = state.frames, state.offsets
         self._end_effector_position = state.end_effector_position
 
     def remove_state(self, state: SavedState) -> None:
@@ -244,17 +245,23 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
 
     # ------------------------------------------------------------------------------------------------ the view
     def _look(self) -> None:
-        """Take the frames and measure d(t) in each."""
+        """Take the frames and measure the markers' offset in each."""
         self._end_effector_position = self.arm.end_effector_position
         for ball, position in zip(self.markers, (self._end_effector_position, self._target_position), strict=True):
             self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
         self._frames = tuple(camera.frame() for camera in self.cameras)
-        self._distances = np.array([find_blobs(frame).distance for frame in self._frames])
+        self._offsets = np.stack([find_blobs(frame).offset for frame in self._frames])
+
+    @property
+    def _distances(self) -> Floats:
+        """d(t) of Eq. 2 per view, in [px]."""
+        return np.asarray(np.hypot(*self._offsets.T))
 
     def _info(self) -> dict[str, Any]:
         return {
             "is_success": rewards.is_goal(self._distances, self.rho),
-            "pixel_distances": self._distances.copy(),
+            "pixel_distances": self._distances,
+            "pixel_offsets": self._offsets.copy(),
             "joint_positions": self.arm.joint_positions,
             "end_effector_position": self._end_effector_position,
             "target_position": self._target_position.copy(),

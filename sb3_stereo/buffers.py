@@ -1,13 +1,15 @@
-"""Replay that sees every transition in the mirror as well."""
+"""Replay of stereo images: every transition in the mirror as well, and what was seen to move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch as th
 from gymnasium.spaces import Discrete
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -16,10 +18,20 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 WAM_MIRRORED_JOINTS = (0, 2)  # J1 and J3 turn about axes in the arm's vertical plane
 WAM_N_JOINTS = 4
+OFFSETS = "pixel_offsets"  # the key in `info`: where the end effector is from the target, (n_views, 2) in [px]
 
 
-class MirrorReplayBuffer(ReplayBuffer):
-    """Sample every other transition in the mirror, which doubles the experience without a step of interaction.
+class Motion(NamedTuple):
+    """Transitions as something that moves."""
+
+    observations: th.Tensor  # (batch, channels, height, width), uint8
+    efforts: th.Tensor  # (batch, n_joints), in [-1, 1]
+    next_observations: th.Tensor  # like observations
+    next_offsets: th.Tensor  # (batch, n_views, 2) in [px], nan where a marker was hidden
+
+
+class StereoReplayBuffer(ReplayBuffer):
+    """Sample some transitions in the mirror, which adds experience without a step of interaction.
 
     With cameras and target placed symmetrically, a scene and its mirror image through the arm's vertical plane are
     the same task: each camera sees, flipped, what the other one saw, and the joints that turn about an axis in that
@@ -30,6 +42,7 @@ class MirrorReplayBuffer(ReplayBuffer):
         n_views: Views stacked in a composite (1, n_views * height, width); the mirror reverses their order.
         mirrored_joints: Components of the action that change sign.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
+        mirror_probability: Share of the samples that are mirrored.
         kwargs: As in SB3's `ReplayBuffer`.
     """
 
@@ -39,32 +52,64 @@ class MirrorReplayBuffer(ReplayBuffer):
         n_views: int = 2,
         mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
         n_joints: int = WAM_N_JOINTS,
+        mirror_probability: float = 0.5,
         **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self._set_up_mirror(n_views, mirrored_joints, n_joints)
+        self._set_up(n_views, mirrored_joints, n_joints, mirror_probability)
 
     @classmethod
     def of(
-        cls, buffer: ReplayBuffer, n_views: int, mirrored_joints: Sequence[int], n_joints: int
-    ) -> MirrorReplayBuffer:
-        """Take over another buffer with all its transitions."""
-        mirror = cls.__new__(cls)
-        mirror.__dict__.update(buffer.__dict__)
-        mirror._set_up_mirror(n_views, mirrored_joints, n_joints)
-        return mirror
+        cls,
+        model: BaseAlgorithm,
+        n_views: int = 2,
+        mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
+        n_joints: int = WAM_N_JOINTS,
+        mirror_probability: float = 0.5,
+    ) -> StereoReplayBuffer:
+        """Take over a model's buffer with all its transitions.
 
-    def _set_up_mirror(self, n_views: int, mirrored_joints: Sequence[int], n_joints: int) -> None:
-        self.n_views = n_views
+        Raises:
+            ValueError: If the model has none.
+        """
+        if not isinstance(model, OffPolicyAlgorithm) or model.replay_buffer is None:
+            raise ValueError(f"a StereoReplayBuffer replaces a replay buffer, and {type(model).__name__} has none")
+        stereo = cls.__new__(cls)
+        stereo.__dict__.update(model.replay_buffer.__dict__)
+        stereo._set_up(n_views, mirrored_joints, n_joints, mirror_probability)
+        return stereo
+
+    def _set_up(self, n_views: int, mirrored_joints: Sequence[int], n_joints: int, mirror_probability: float) -> None:
+        self.n_views, self.mirror_probability = n_views, mirror_probability
+        self.n_joints = n_joints if isinstance(self.action_space, Discrete) else self.action_dim
+        if not hasattr(self, "offsets"):
+            self.offsets = np.full((self.buffer_size, self.n_envs, n_views, 2), np.nan, np.float32)
+        self._signs = th.ones(self.n_joints)
+        self._signs[list(mirrored_joints)] = -1.0
         if isinstance(self.action_space, Discrete):
-            self._numbers = th.as_tensor(_mirrored_numbers(int(self.action_space.n), n_joints, mirrored_joints))
-        else:
-            self._signs = th.ones(self.action_dim)
-            self._signs[list(mirrored_joints)] = -1.0
+            digits = _digits(int(self.action_space.n), n_joints)
+            levels = int(digits.max()) + 1
+            self._efforts = th.as_tensor(2.0 * digits.T / (levels - 1) - 1.0, dtype=th.float32)
+            digits[list(mirrored_joints)] = levels - 1 - digits[list(mirrored_joints)]
+            self._numbers = th.as_tensor(np.ravel_multi_index(tuple(digits), (levels,) * n_joints))
 
-    def _get_samples(self, batch_inds: np.ndarray, env: VecNormalize | None = None) -> ReplayBufferSamples:
+    def add(
+        self,
+        obs: NDArray[Any],
+        next_obs: NDArray[Any],
+        action: NDArray[Any],
+        reward: NDArray[Any],
+        done: NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        """As in SB3; the offsets in `infos`, if there are any, are stored as well."""
+        for env, info in enumerate(infos):
+            self.offsets[self.pos, env] = info.get(OFFSETS, np.nan)
+        super().add(obs, next_obs, action, reward, done, infos)
+
+    def _get_samples(self, batch_inds: NDArray[Any], env: VecNormalize | None = None) -> ReplayBufferSamples:
         samples = super()._get_samples(batch_inds, env)
-        chosen = th.as_tensor(np.random.random(len(batch_inds)) < 0.5, device=self.device)  # SB3's generator
+        chosen = self._choose(len(batch_inds))
         observations, actions, next_observations = samples[:3]
         for tensor, mirror in (
             (observations, self.mirror),
@@ -73,6 +118,32 @@ class MirrorReplayBuffer(ReplayBuffer):
         ):
             tensor[chosen] = mirror(tensor[chosen])  # the sample is a copy of the buffer
         return samples
+
+    def sample_motion(self, batch_size: int) -> Motion:
+        """Sample transitions, mirrored like those of `sample`, without rewards."""
+        # SB3's memory saver keeps a next observation in the place after, which is gone for the newest of a full buffer.
+        oldest, skipped = (self.pos, int(self.optimize_memory_usage)) if self.full else (0, 0)
+        rows = (oldest + np.random.randint(skipped, self.size(), batch_size)) % self.buffer_size
+        at = rows, np.random.randint(0, self.n_envs, batch_size)
+        following = (at[0] + 1) % self.buffer_size, at[1]
+        next_images = self.observations[following] if self.optimize_memory_usage else self.next_observations[at]
+        actions = self.to_torch(self.actions[at])
+        motion = Motion(
+            self.to_torch(self.observations[at]),
+            self._efforts.to(self.device)[actions[:, 0].long()] if isinstance(self.action_space, Discrete) else actions,
+            self.to_torch(next_images),
+            self.to_torch(self.offsets[at]),
+        )
+        chosen = self._choose(batch_size)
+        for tensor, mirror in zip(
+            motion, (self.mirror, self.mirror_efforts, self.mirror, self.mirror_offsets), strict=True
+        ):
+            tensor[chosen] = mirror(tensor[chosen])
+        return motion
+
+    def _choose(self, batch_size: int) -> th.Tensor:
+        """Which samples of a batch are mirrored, by the generator that SB3 samples with."""
+        return th.as_tensor(np.random.random(batch_size) < self.mirror_probability, device=self.device)
 
     def mirror(self, images: th.Tensor) -> th.Tensor:
         """Flip every view of (batch, 1, n_views * height, width) left to right and reverse their order."""
@@ -85,26 +156,32 @@ class MirrorReplayBuffer(ReplayBuffer):
         if isinstance(self.action_space, Discrete):
             numbers: th.Tensor = self._numbers.to(actions.device)[actions]
             return numbers
-        return actions * self._signs.to(actions.device)
+        return self.mirror_efforts(actions)
+
+    def mirror_efforts(self, efforts: th.Tensor) -> th.Tensor:
+        """The efforts (batch, n_joints) that do in the mirror what these do."""
+        return efforts * self._signs.to(efforts.device)
+
+    def mirror_offsets(self, offsets: th.Tensor) -> th.Tensor:
+        """What the offsets (batch, n_views, 2) are in the mirror: the views swap, and left is right."""
+        return offsets.flip(1) * offsets.new_tensor([-1.0, 1.0])
 
 
-def _mirrored_numbers(n_actions: int, n_joints: int, mirrored_joints: Sequence[int]) -> np.ndarray:
-    """For every number of `QuantizedActions` the number of its mirror image, shape (n_actions,)."""
+def _digits(n_actions: int, n_joints: int) -> NDArray[np.int64]:
+    """For every number of `QuantizedActions` the level of each joint, shape (n_joints, n_actions)."""
     levels = round(n_actions ** (1 / n_joints))
     if levels**n_joints != n_actions:
         raise ValueError(f"{n_actions} actions are not the combinations of {n_joints} joints; set n_joints")
-    digits = np.stack(np.unravel_index(np.arange(n_actions), (levels,) * n_joints))
-    digits[list(mirrored_joints)] = levels - 1 - digits[list(mirrored_joints)]
-    return np.asarray(np.ravel_multi_index(tuple(digits), (levels,) * n_joints))
+    return np.stack(np.unravel_index(np.arange(n_actions), (levels,) * n_joints)).astype(np.int64)
 
 
 class MirrorExperience(BaseCallback):
-    """Make a model's replay buffer a `MirrorReplayBuffer`: the way a YAML file, also the zoo's, can ask for it.
+    """Make a model's replay buffer a `StereoReplayBuffer` that mirrors, as a YAML file, also the zoo's, can ask for.
 
     Args:
-        n_views: As in `MirrorReplayBuffer`.
-        mirrored_joints: As in `MirrorReplayBuffer`.
-        n_joints: As in `MirrorReplayBuffer`.
+        n_views: As in `StereoReplayBuffer`.
+        mirrored_joints: As in `StereoReplayBuffer`.
+        n_joints: As in `StereoReplayBuffer`.
         verbose: As in SB3.
     """
 
@@ -119,12 +196,8 @@ class MirrorExperience(BaseCallback):
         self.n_views, self.mirrored_joints, self.n_joints = n_views, mirrored_joints, n_joints
 
     def _on_training_start(self) -> None:
-        model = self.model
-        if not isinstance(model, OffPolicyAlgorithm) or model.replay_buffer is None:
-            raise ValueError(f"MirrorExperience needs a replay buffer, and {type(model).__name__} has none")
-        model.replay_buffer = MirrorReplayBuffer.of(
-            model.replay_buffer, self.n_views, self.mirrored_joints, self.n_joints
-        )
+        model: Any = self.model
+        model.replay_buffer = StereoReplayBuffer.of(model, self.n_views, self.mirrored_joints, self.n_joints)
 
     def _on_step(self) -> bool:
         return True

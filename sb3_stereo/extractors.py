@@ -149,6 +149,7 @@ class StereoCnn(BaseFeaturesExtractor):
         autocast: Compute the convolutions in bfloat16; the features stay float32.
         blur: Standard deviation of the `Blur` before everything else, in [px]; None leaves it out.
         downsample: Distance of the pixels that the blur keeps, in [px].
+        embedding_dim: Size of a linear layer at the end; few numbers are enough for a pose. None leaves it out.
 
     Raises:
         ValueError: If the space holds no (channels, height, width) images, a choice is unknown or the per-layer
@@ -168,6 +169,7 @@ class StereoCnn(BaseFeaturesExtractor):
         autocast: bool = False,
         blur: float | None = None,
         downsample: int = 1,
+        embedding_dim: int | None = None,
     ) -> None:
         shape: Sequence[int] = observation_space.shape
         if len(shape) != 3:
@@ -178,7 +180,7 @@ class StereoCnn(BaseFeaturesExtractor):
         shape = shape if blurred is None else blurred.shape
         convs = _make_convs(shape[0], n_filters, kernel_sizes, strides, batch_norm=hidden_norm == "batch")
         flat_dim = _flat_dim(convs, shape)
-        super().__init__(observation_space, features_dim or flat_dim)
+        super().__init__(observation_space, embedding_dim or features_dim or flat_dim)
         self.autocast = autocast
         self.blur = blurred or nn.Identity()
         self.input_norm = _make_input_norm(input_norm, shape)
@@ -187,6 +189,8 @@ class StereoCnn(BaseFeaturesExtractor):
         if features_dim is not None:
             norms = [norm(features_dim) for norm in hidden_norm_layers(hidden_norm)]
             self.fc = nn.Sequential(nn.Linear(flat_dim, features_dim), *norms, nn.ReLU())
+        if embedding_dim is not None:
+            self.fc.append(nn.Linear(features_dim or flat_dim, embedding_dim))
         initialise(self, init)
         self.convs.to(memory_format=th.channels_last)  # type: ignore[call-overload]  # faster on CPUs
 

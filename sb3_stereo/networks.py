@@ -111,6 +111,7 @@ class StereoCritic(ContinuousCritic):
         share_features_extractor: As in SB3, always False here.
         hidden_norm: Of the layer before the action joins: "batch", "layer" or "none".
         final_init: The output layers start in U(+-final_init).
+        trains_encoder: False detaches the features.
     """
 
     def __init__(
@@ -126,6 +127,7 @@ class StereoCritic(ContinuousCritic):
         share_features_extractor: bool = False,
         hidden_norm: str = "batch",
         final_init: float = 3e-4,
+        trains_encoder: bool = True,
     ) -> None:
         if not net_arch:
             raise ValueError("the critic needs at least one hidden layer in net_arch: the action joins after the first")
@@ -140,7 +142,7 @@ class StereoCritic(ContinuousCritic):
             n_critics=0,  # SB3's heads take the action at their input; ours follow
             share_features_extractor=share_features_extractor,
         )
-        self.n_critics = n_critics
+        self.n_critics, self.trains_encoder = n_critics, trains_encoder
         self.memo: FeatureMemo | None = None
         action_dim = get_action_dim(action_space)
         for index in range(n_critics):
@@ -154,7 +156,13 @@ class StereoCritic(ContinuousCritic):
         if self.memo is None:
             return compute()
         assert isinstance(obs, th.Tensor)
-        return self.memo(obs, compute)
+        with th.set_grad_enabled(th.is_grad_enabled() and self.trains_encoder):
+            return self.memo(obs, compute)
+
+    def trained_parameters(self) -> list[nn.Parameter]:
+        """What the critic's loss trains."""
+        modules = [self] if self.trains_encoder else self.q_networks
+        return [parameter for module in modules for parameter in module.parameters()]
 
     def forward(self, obs: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
         """Return one tensor of values (batch, 1) per head."""

@@ -17,6 +17,8 @@ from sb3_stereo.networks import StereoActor, StereoCritic
 from sb3_stereo.optim import ScaledAdam
 from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 
+ENCODER_LOSSES = ("critic", "auxiliary")
+
 # The network of Mnih et al. 2015, which the paper's DQN takes over (Section 4.2) with Xavier weights (Section 5).
 NATURE_CNN = {
     "features_dim": 512,
@@ -40,7 +42,8 @@ class StereoDDPGPolicy(TD3Policy):
         net_arch: Sizes of the fully connected hidden layers, as in SB3. None means [200, 200].
         activation_fn: As in SB3.
         features_extractor_class: `StereoCnn` or a subclass.
-        features_extractor_kwargs: For `StereoCnn`, without features_dim and hidden_norm, which this class sets.
+        features_extractor_kwargs: For `StereoCnn`, without hidden_norm, which this class sets; features_dim is None
+            unless given, since the fully connected layers are in the heads.
         normalize_images: As in SB3.
         optimizer_class: `ScaledAdam` or one with its arguments.
         optimizer_kwargs: As in SB3, for both optimizers.
@@ -48,6 +51,8 @@ class StereoDDPGPolicy(TD3Policy):
         share_features_extractor: Must be False; see `shared_encoder`.
         shared_encoder: One encoder, trained by the critic's loss; the actor sees it detached (as in DrQ-v2). False
             gives the actor its own, trained by the actor's loss.
+        encoder_loss: Of the shared encoder: "critic", or "auxiliary", where a callback trains it and nothing else
+            (`LearnFromMotion`).
         actor_hidden_norm: Follows the actor's hidden layers (and its own convolutions if "batch"): "batch", "layer"
             or "none".
         critic_hidden_norm: The same for the critic and its encoder, up to where the action joins.
@@ -75,6 +80,7 @@ class StereoDDPGPolicy(TD3Policy):
         share_features_extractor: bool = False,
         *,
         shared_encoder: bool = False,
+        encoder_loss: str = "critic",
         actor_hidden_norm: str = "batch",
         critic_hidden_norm: str = "batch",
         qf_learning_rate: float | None = None,
@@ -86,10 +92,15 @@ class StereoDDPGPolicy(TD3Policy):
                 "share_features_extractor=True would train the encoder by the actor's loss; "
                 "use shared_encoder=True, where the critic's loss trains it"
             )
-        set_here = {"features_dim": "net_arch", "hidden_norm": "actor_hidden_norm and critic_hidden_norm"}
-        for key in set_here.keys() & (features_extractor_kwargs or {}):
-            raise ValueError(f"features_extractor_kwargs cannot set {key!r} in this policy; use {set_here[key]}")
-        self.shared_encoder = shared_encoder
+        if "hidden_norm" in (features_extractor_kwargs or {}):
+            raise ValueError(
+                "features_extractor_kwargs cannot set 'hidden_norm' in this policy; "
+                "use actor_hidden_norm and critic_hidden_norm"
+            )
+        check_choice("encoder_loss", encoder_loss, ENCODER_LOSSES)
+        if encoder_loss == "auxiliary" and not shared_encoder:
+            raise ValueError("encoder_loss 'auxiliary' needs shared_encoder=True")
+        self.shared_encoder, self.encoder_loss = shared_encoder, encoder_loss
         self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
         self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
         self.final_init = final_init
@@ -133,7 +144,8 @@ class StereoDDPGPolicy(TD3Policy):
         if self.qf_learning_rate is not None and learning_rate > 0:
             critic_kwargs["lr_ratio"] = self.qf_learning_rate / learning_rate
         self.actor.optimizer = optimizer(self.actor.parameters(), lr=learning_rate, **actor_kwargs)
-        self.critic.optimizer = optimizer(self.critic.parameters(), lr=learning_rate, **critic_kwargs)
+        assert isinstance(self.critic, StereoCritic)
+        self.critic.optimizer = optimizer(self.critic.trained_parameters(), lr=learning_rate, **critic_kwargs)
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> StereoActor:
         """Return a new actor, with its own encoder if none is given."""
@@ -145,16 +157,22 @@ class StereoDDPGPolicy(TD3Policy):
         """Return a new critic, with its own encoder if none is given."""
         encoder = features_extractor or self._make_encoder(self.critic_hidden_norm)
         kwargs = self._update_features_extractor(self.critic_kwargs, encoder)
-        return StereoCritic(**kwargs, hidden_norm=self.critic_hidden_norm, final_init=self.final_init).to(self.device)
+        return StereoCritic(
+            **kwargs,
+            hidden_norm=self.critic_hidden_norm,
+            final_init=self.final_init,
+            trains_encoder=self.encoder_loss == "critic",
+        ).to(self.device)
 
     def _make_encoder(self, hidden_norm: str) -> BaseFeaturesExtractor:
-        kwargs = {**self.features_extractor_kwargs, "features_dim": None, "hidden_norm": hidden_norm}
+        kwargs = {"features_dim": None, **self.features_extractor_kwargs, "hidden_norm": hidden_norm}
         return self.features_extractor_class(self.observation_space, **kwargs)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return {
             **super()._get_constructor_parameters(),
             "shared_encoder": self.shared_encoder,
+            "encoder_loss": self.encoder_loss,
             "actor_hidden_norm": self.actor_hidden_norm,
             "critic_hidden_norm": self.critic_hidden_norm,
             "qf_learning_rate": self.qf_learning_rate,

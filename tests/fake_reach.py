@@ -46,7 +46,9 @@ class FakeReachEnv(gym.Env[np.ndarray, np.ndarray]):
     def _info(self) -> dict[str, Any]:
         distance = 100 * abs(self.joints[0])
         is_success = bool(abs(self.joints[0]) <= self.tolerance)
-        return {"is_success": is_success, "pixel_distances": np.array([distance, np.nan])}
+        offsets = np.array([[100 * self.joints[0], 0.0], [np.nan, np.nan]])
+        distances = np.array([distance, np.nan])
+        return {"is_success": is_success, "pixel_distances": distances, "pixel_offsets": offsets}
 
 
 if ENV_ID not in gym.registry:

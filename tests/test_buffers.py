@@ -1,4 +1,6 @@
-"""The mirror: an involution, true to the environment, and taken over without losing anything."""
+"""The mirror: an involution, true to the environment, and taken over without losing anything; what moved."""
+
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -9,7 +11,7 @@ from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import DDPG, DQN, PPO
 from stable_baselines3.common.buffers import ReplayBuffer
 
-from sb3_stereo.buffers import MirrorExperience, MirrorReplayBuffer
+from sb3_stereo.buffers import MirrorExperience, StereoReplayBuffer
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.wrappers import QuantizedActions
 from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
@@ -18,8 +20,8 @@ IMAGES = Box(0, 255, (1, 8, 6), np.uint8)
 SIGNS = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
-def filled(actions: gym.Space, action: np.ndarray) -> MirrorReplayBuffer:  # type: ignore[type-arg]
-    buffer = MirrorReplayBuffer(10, IMAGES, actions, device="cpu")
+def filled(actions: gym.Space, action: np.ndarray) -> StereoReplayBuffer:  # type: ignore[type-arg]
+    buffer = StereoReplayBuffer(10, IMAGES, actions, device="cpu")
     image = np.arange(48, dtype=np.uint8).reshape(1, 1, 8, 6)
     for _ in range(10):
         buffer.add(image, image + 100, action, np.array([0.5]), np.array([False]), [{}])
@@ -31,6 +33,8 @@ def test_mirroring_twice_is_nothing() -> None:
     images, actions = th.rand(5, 1, 8, 6), th.rand(5, 4)
     assert th.equal(buffer.mirror(buffer.mirror(images)), images)
     assert th.equal(buffer.mirror_actions(buffer.mirror_actions(actions)), actions)
+    offsets = th.rand(5, 2, 2)
+    assert th.equal(buffer.mirror_offsets(buffer.mirror_offsets(offsets)), offsets)
 
 
 def test_samples_are_the_transition_or_its_mirror_image_as_a_whole() -> None:
@@ -63,19 +67,70 @@ def test_numbers_are_mirrored_like_the_efforts_they_stand_for() -> None:
 
 def test_the_environment_is_its_own_mirror_image() -> None:
     env = StereoReachEnv()
-    buffer = MirrorReplayBuffer(1, env.observation_space, env.action_space, device="cpu")
+    buffer = StereoReplayBuffer(1, env.observation_space, env.action_space, device="cpu")
     rng = np.random.default_rng(0)
     for seed in range(8):
         image, info = env.reset(seed=seed)
         action = rng.uniform(-1, 1, 4)
-        next_image, reward, *_ = env.step(action)
+        next_image, reward, *_, after = env.step(action)
         mirrored, _ = env.reset(options={"joint_positions": info["joint_positions"][:4] * SIGNS})
-        next_mirrored, mirrored_reward, *_ = env.step(action * SIGNS)
+        next_mirrored, mirrored_reward, *_, mirrored_after = env.step(action * SIGNS)
         for ours, theirs in ((image, mirrored), (next_image, next_mirrored)):
             difference = buffer.mirror(th.as_tensor(ours[None], dtype=th.float32)).numpy()[0] - theirs
             assert np.abs(difference).mean() < 0.15  # grey levels; other poses differ by 1.5
         assert mirrored_reward == pytest.approx(reward, abs=0.03)  # the wrist's masses are not symmetric
+        offsets = buffer.mirror_offsets(th.as_tensor(after["pixel_offsets"][None])).numpy()[0]
+        np.testing.assert_allclose(offsets, mirrored_after["pixel_offsets"], atol=2.5)  # [px], as is the difference
     env.close()
+
+
+def numbered(n_steps: int, n_envs: int = 1, **kwargs: Any) -> StereoReplayBuffer:
+    """Step t of environment e has everywhere the number 10 e + t."""
+    buffer = StereoReplayBuffer(4 * n_envs, IMAGES, Box(-1, 1, (4,)), device="cpu", n_envs=n_envs, **kwargs)
+    for step in range(n_steps):
+        number = 10 * np.arange(n_envs) + step
+        image = np.tile(number[:, None, None, None], (1, 1, 8, 6)).astype(np.uint8)
+        infos = [{"pixel_offsets": np.full((2, 2), n + 1.0)} for n in number]
+        action = np.tile(number[:, None] / 100, (1, 4))
+        buffer.add(image, image + 1, action, number * 1.0, np.zeros(n_envs), infos)
+    return buffer
+
+
+@pytest.mark.parametrize("optimize", [False, True])
+def test_a_motion_is_one_transition_also_after_the_buffer_went_round(optimize: bool) -> None:
+    buffer = numbered(
+        6, n_envs=1 if optimize else 2, mirror_probability=0.0, optimize_memory_usage=optimize,
+        handle_timeout_termination=not optimize,
+    )  # fmt: skip
+    motion = buffer.sample_motion(300)
+    number = motion.observations[:, 0, 0, 0].float()
+    assert set(number.tolist()) == ({3.0, 4.0, 5.0} if optimize else {2.0, 3.0, 4.0, 5.0, 12.0, 13.0, 14.0, 15.0})
+    assert th.equal(motion.next_observations[:, 0, 0, 0].float(), number + 1)
+    assert th.allclose(motion.efforts, number[:, None] / 100)
+    assert th.equal(motion.next_offsets[:, 1, 1], number + 1)
+
+
+def test_a_motion_is_mirrored_as_a_whole() -> None:
+    motion = numbered(4).sample_motion(300)
+    mirrored = motion.efforts[:, 0] < 0
+    assert 100 < mirrored.sum() < 200
+    assert th.equal(motion.next_offsets[:, 0, 0] < 0, mirrored | (motion.next_offsets[:, 0, 0] < 0))
+    assert th.equal(motion.next_offsets[mirrored][:, :, 0] < 0, th.ones(int(mirrored.sum()), 2, dtype=th.bool))
+
+
+def test_efforts_of_numbers_are_those_of_the_wrapper() -> None:
+    class Arm(gym.Env):  # type: ignore[type-arg]
+        action_space, observation_space = Box(-1, 1, (4,)), IMAGES
+
+    env = QuantizedActions(Arm(), levels=3)
+    buffer = StereoReplayBuffer(81, IMAGES, Discrete(81), device="cpu", mirror_probability=0.0)
+    image = np.zeros((1, 1, 8, 6), np.uint8)
+    for number in range(81):
+        buffer.add(image, image + number, np.array([[number]]), np.zeros(1), np.zeros(1), [{}])
+    motion = buffer.sample_motion(200)
+    for number, efforts in zip(motion.next_observations[:, 0, 0, 0], motion.efforts, strict=True):
+        np.testing.assert_allclose(efforts, env.action(np.int64(number)))
+    assert motion.next_offsets.isnan().all()  # the infos had none
 
 
 @pytest.mark.parametrize("algorithm", [DDPG, DQN])
@@ -89,13 +144,13 @@ def test_the_callback_takes_over_a_models_transitions_and_training_goes_on(algor
     n_joints = 2 if algorithm is DQN else 4
     model.learn(10, callback=MirrorExperience(2, [0], n_joints), reset_num_timesteps=False)
     after = model.replay_buffer
-    assert isinstance(after, MirrorReplayBuffer) and after.size() >= 20  # DQN collects four at a time
+    assert isinstance(after, StereoReplayBuffer) and after.size() >= 20  # DQN collects four at a time
     np.testing.assert_array_equal(after.observations[:10], before.observations[:10])
 
 
 def test_what_has_no_mirror_is_explained() -> None:
     with pytest.raises(ValueError, match=r"^82 actions are not the combinations of 4 joints; set n_joints$"):
-        MirrorReplayBuffer(1, IMAGES, Discrete(82), device="cpu")
+        StereoReplayBuffer(1, IMAGES, Discrete(82), device="cpu")
     model = PPO("MlpPolicy", "CartPole-v1", n_steps=8, batch_size=8)
-    with pytest.raises(ValueError, match=r"^MirrorExperience needs a replay buffer, and PPO has none$"):
+    with pytest.raises(ValueError, match=r"^a StereoReplayBuffer replaces a replay buffer, and PPO has none$"):
         model.learn(8, callback=MirrorExperience())

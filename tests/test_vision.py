@@ -43,7 +43,7 @@ def test_centroids_are_the_mean_pixels() -> None:
     blobs = find_blobs(frame)
     np.testing.assert_allclose(blobs.end_effector, (40.0, 14.5))
     np.testing.assert_allclose(blobs.target, (202.0, 101.0))
-    assert blobs.distance == pytest.approx(np.hypot(162.0, 86.5))
+    assert np.hypot(*blobs.offset) == pytest.approx(np.hypot(162.0, 86.5))
 
 
 def test_a_marker_of_too_few_pixels_is_undefined() -> None:
@@ -52,9 +52,9 @@ def test_a_marker_of_too_few_pixels_is_undefined() -> None:
     frame[5:9, 5:9] = (0, 0, 255)
     blobs = find_blobs(frame)
     assert np.isnan(blobs.end_effector).all() and np.isfinite(blobs.target).all()
-    assert np.isnan(blobs.distance)
+    assert np.isnan(blobs.offset).all()
     frame[0, MIN_PIXELS - 1] = (255, 0, 0)
-    assert np.isfinite(find_blobs(frame).distance)
+    assert np.isfinite(find_blobs(frame).offset).all()
 
 
 def test_no_grey_is_a_marker() -> None:

@@ -1,0 +1,158 @@
+"""Learning to see: the encoder learns from what moved, and not from rewards."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch as th
+from stable_baselines3 import DQN
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.preprocessing import preprocess_obs
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
+from torch import nn
+
+from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer
+
+
+class MotionHeads(nn.Module):
+    """Three questions about a transition that can only be answered by who sees the arm's pose.
+
+    Where is the end effector? Where will these efforts take it? Which efforts took it from here to there? The
+    answers are 2 numbers per view and 1 per joint and transition, while a reward is a single one, and a noisy one.
+
+    Args:
+        features_dim: Size of the encoder's output.
+        n_joints: Size of the action.
+        n_views: Views in the image.
+        hidden: Size of each head's hidden layer.
+        offset_scale: Pixels that count as 1.
+        inverse_coef: Weight of the third question.
+    """
+
+    def __init__(
+        self,
+        features_dim: int,
+        n_joints: int,
+        n_views: int,
+        hidden: int = 200,
+        offset_scale: float = 50.0,
+        inverse_coef: float = 0.5,
+    ) -> None:
+        super().__init__()
+        self.offset_scale, self.inverse_coef = offset_scale, inverse_coef
+        self.position = nn.Sequential(*create_mlp(features_dim, 2 * n_views, [hidden]))
+        self.prediction = nn.Sequential(*create_mlp(features_dim + n_joints, 2 * n_views, [hidden]))
+        self.inverse = nn.Sequential(*create_mlp(2 * features_dim, n_joints, [hidden]))
+
+    def loss(self, features: th.Tensor, next_features: th.Tensor, motion: Motion) -> th.Tensor:
+        """Sum of the three mean squared errors; a hidden marker asks nothing.
+
+        Args:
+            features: Of the observations, (batch, features_dim).
+            next_features: Of the next observations, likewise.
+            motion: The transitions.
+        """
+        offsets = motion.next_offsets.flatten(1) / self.offset_scale
+        seen = ~offsets.isnan()
+        positions = self.position(next_features), self.prediction(th.cat([features, motion.efforts], dim=1))
+        errors = [((answer - offsets.nan_to_num()) * seen).square().mean() for answer in positions]
+        efforts = self.inverse(th.cat([features, next_features], dim=1))
+        loss: th.Tensor = sum(errors) + self.inverse_coef * nn.functional.mse_loss(efforts, motion.efforts)
+        return loss
+
+
+class MotionLearner:
+    """Trains an encoder, and heads on it, with Adam.
+
+    Args:
+        encoder: Of images.
+        heads: The questions.
+        learning_rate: Adam's, for both.
+    """
+
+    def __init__(self, encoder: BaseFeaturesExtractor, heads: MotionHeads, learning_rate: float) -> None:
+        self.encoder, self.heads = encoder, heads
+        self.optimizer = th.optim.Adam([*encoder.parameters(), *heads.parameters()], learning_rate, fused=True)
+
+    def update(self, motion: Motion) -> float:
+        """Take one gradient step and return the loss."""
+        images = th.cat([motion.observations, motion.next_observations])
+        self.encoder.train()
+        features, next_features = self.encoder(preprocess_obs(images, self.encoder._observation_space)).chunk(2)
+        self.encoder.eval()
+        loss = self.heads.loss(features, next_features, motion)
+        self.optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimizer.step()
+        return loss.item()
+
+
+class LearnFromMotion(BaseCallback):
+    """Train the critic's encoder on `MotionHeads` between the environment step and SB3's gradient steps.
+
+    Meant for `encoder_loss="auxiliary"`, where nothing else trains the encoder. The targets are the actions and
+    `info["pixel_offsets"]`, the same centroids that the reward is made from; the agent acts on images alone.
+
+    Args:
+        gradient_steps: Updates after every environment step.
+        replay_ratio: Updates per random transition before the first action, as in `WarmUp`, which comes after.
+        learning_rate: Adam's.
+        batch_size: Transitions per update.
+        hidden: As in `MotionHeads`.
+        offset_scale: As in `MotionHeads`, in [px].
+        inverse_coef: As in `MotionHeads`.
+        verbose: As in SB3.
+    """
+
+    def __init__(
+        self,
+        gradient_steps: int = 2,
+        replay_ratio: float = 3.0,
+        learning_rate: float = 1e-3,
+        batch_size: int = 100,
+        hidden: int = 200,
+        offset_scale: float = 50.0,
+        inverse_coef: float = 0.5,
+        verbose: int = 0,
+    ) -> None:
+        super().__init__(verbose)
+        self.gradient_steps, self.replay_ratio = gradient_steps, replay_ratio
+        self.learning_rate, self.batch_size = learning_rate, batch_size
+        self.hidden, self.offset_scale, self.inverse_coef = hidden, offset_scale, inverse_coef
+        self.n_updates = 0
+
+    def _on_training_start(self) -> None:
+        model: Any = self.model
+        if not all(OFFSETS in info for info in self.training_env.reset_infos):
+            raise ValueError(f"LearnFromMotion needs info['{OFFSETS}'], which this environment does not give")
+        if not isinstance(model.replay_buffer, StereoReplayBuffer):
+            model.replay_buffer = StereoReplayBuffer.of(model, mirror_probability=0.0)
+        if self.n_updates == 0:
+            self._set_up(model, model.replay_buffer)
+
+    def _set_up(self, model: Any, buffer: StereoReplayBuffer) -> None:
+        is_dqn = isinstance(model, DQN)
+        self.online, self.target = (model.q_net, model.q_net_target) if is_dqn else (model.critic, model.critic_target)
+        encoder = self.online.features_extractor
+        heads = MotionHeads(
+            encoder.features_dim, buffer.n_joints, buffer.n_views, self.hidden, self.offset_scale, self.inverse_coef
+        )
+        self.learner = MotionLearner(encoder, heads.to(model.device), self.learning_rate)
+
+    def _on_step(self) -> bool:
+        model = self.model
+        assert isinstance(model, OffPolicyAlgorithm)
+        if self.num_timesteps >= model.learning_starts:
+            if self.n_updates == 0:
+                self.train(round(self.replay_ratio * model.learning_starts))
+                self.target.features_extractor.load_state_dict(self.online.features_extractor.state_dict())
+            self.train(self.gradient_steps * self.training_env.num_envs)
+        return True
+
+    def train(self, gradient_steps: int) -> None:
+        """Take gradient steps on the encoder and the heads."""
+        buffer = self.model.replay_buffer  # type: ignore[attr-defined]
+        for _ in range(gradient_steps):
+            self.logger.record("train/motion_loss", self.learner.update(buffer.sample_motion(self.batch_size)))
+        self.n_updates += gradient_steps

@@ -1,0 +1,126 @@
+"""Learning from motion: what is asked, who learns, and that something is learnt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import fake_reach
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch as th
+from fake_env import FakeImageEnv
+from stable_baselines3 import DDPG, DQN
+from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.callbacks import CallbackList
+
+from sb3_stereo.auxiliary import LearnFromMotion, MotionHeads
+from sb3_stereo.buffers import MirrorExperience, Motion, StereoReplayBuffer
+from sb3_stereo.envs.wrappers import QuantizedActions
+from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
+
+CNN = {"n_filters": 4, "features_dim": 8, "embedding_dim": 3, "input_norm": "pixel"}
+POLICY = {"net_arch": [8, 8], "shared_encoder": True, "encoder_loss": "auxiliary", "features_extractor_kwargs": CNN}
+
+
+def ddpg(env: Any = None, **settings: Any) -> DDPG:
+    settings = {"learning_starts": 30, "batch_size": 8, "buffer_size": 100, "seed": 0, **settings}
+    return DDPG(StereoDDPGPolicy, env or gym.make(fake_reach.ENV_ID), policy_kwargs=POLICY, **settings)
+
+
+def motion(n: int, **changes: Any) -> Motion:
+    empty = th.zeros(n, 1, 2, 2)
+    fields = {
+        "observations": empty,
+        "efforts": th.rand(n, 4),
+        "next_observations": empty,
+        "next_offsets": th.rand(n, 2, 2),
+    }
+    return Motion(**{**fields, **changes})
+
+
+def test_a_hidden_marker_asks_nothing() -> None:
+    heads = MotionHeads(3, 4, 2, 8, 50.0, inverse_coef=0.0)
+    features = th.rand(6, 3)
+    hidden = motion(6, next_offsets=th.full((6, 2, 2), th.nan))
+    assert heads.loss(features, features, hidden) == 0
+    half = th.rand(6, 2, 2)
+    half[:, 1] = th.nan
+    loss = heads.loss(features, features, motion(6, next_offsets=half))
+    loss.backward()
+    assert loss > 0 and all(p.grad.isfinite().all() for p in heads.position.parameters())  # type: ignore[union-attr]
+
+
+def test_the_inverse_question_is_weighted() -> None:
+    losses = {}
+    for coef in (0.0, 1.0, 2.0):
+        th.manual_seed(0)
+        heads = MotionHeads(3, 4, 2, 8, 50.0, inverse_coef=coef)
+        losses[coef] = heads.loss(th.ones(6, 3), th.ones(6, 3), motion(6, efforts=th.ones(6, 4))).item()
+    assert losses[2.0] - losses[0.0] == pytest.approx(2 * (losses[1.0] - losses[0.0])) and losses[1.0] > losses[0.0]
+
+
+def test_the_encoder_learns_where_the_hand_is() -> None:
+    """From the fake arm's brightness: the loss falls to a small part, and targets begin with what was learnt."""
+    model = ddpg(learning_starts=60)
+    callback = LearnFromMotion(gradient_steps=1, replay_ratio=8, batch_size=32)
+    losses = []
+    original = MotionHeads.loss
+
+    class Recorded(MotionHeads):
+        def loss(self, *args: Any) -> th.Tensor:
+            value = original(self, *args)
+            losses.append(value.item())
+            return value
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sb3_stereo.auxiliary.MotionHeads", Recorded)
+        model.learn(60, callback=callback)
+    assert callback.n_updates == len(losses) == 60 * 8 + 1
+    assert np.mean(losses[-20:]) < 0.3 * np.mean(losses[:5])
+
+
+def test_updates_follow_the_random_steps() -> None:
+    model = ddpg()
+    callback = LearnFromMotion(gradient_steps=2, replay_ratio=0.5, batch_size=4)
+    encoder = [p.clone() for p in model.critic.features_extractor.parameters()]
+    model.learn(29, callback=callback)
+    assert callback.n_updates == 0
+    assert all(map(th.equal, encoder, model.critic.features_extractor.parameters()))
+    model.learn(6, callback=callback, reset_num_timesteps=False)
+    assert callback.n_updates == 15 + 2 * 6  # steps 30 to 35
+    assert not any(map(th.equal, encoder, model.critic.features_extractor.parameters()))
+
+
+def test_the_target_starts_from_what_was_learnt_before_acting() -> None:
+    model = ddpg(tau=1e-6)
+    model.learn(30, callback=LearnFromMotion(gradient_steps=0, replay_ratio=1, batch_size=4))
+    online, target = model.critic.features_extractor.state_dict(), model.critic_target.features_extractor.state_dict()
+    assert all(th.equal(online[name], target[name]) for name in online)
+
+
+@pytest.mark.parametrize("mirrored", [True, False])
+def test_it_takes_any_replay_buffer(mirrored: bool) -> None:
+    model = ddpg()
+    motion = LearnFromMotion(replay_ratio=1, batch_size=4)
+    model.learn(32, callback=CallbackList([MirrorExperience(), motion] if mirrored else [motion]))
+    assert isinstance(model.replay_buffer, StereoReplayBuffer)
+    assert model.replay_buffer.mirror_probability == (0.5 if mirrored else 0.0)
+    stored = model.replay_buffer.offsets[: model.replay_buffer.size(), 0, 0, 0]
+    assert np.isfinite(stored).all() and stored.std() > 0
+
+
+def test_dqn_learns_to_see_too() -> None:
+    env = QuantizedActions(gym.make(fake_reach.ENV_ID), levels=3)
+    kwargs = {"features_extractor_kwargs": {**CNN, "hidden_norm": "layer"}}
+    model = DQN(StereoDQNPolicy, env, policy_kwargs=kwargs, learning_starts=30, batch_size=8, buffer_size=100)
+    before = [p.clone() for p in model.q_net.features_extractor.parameters()]
+    model.learn(30, callback=LearnFromMotion(replay_ratio=1, batch_size=4))
+    assert not any(map(th.equal, before, model.q_net.features_extractor.parameters()))
+
+
+def test_an_environment_without_offsets_is_refused() -> None:
+    model = ddpg(FakeImageEnv())
+    with pytest.raises(ValueError, match=r"^LearnFromMotion needs info\['pixel_offsets'\], which this environment "):
+        model.learn(5, callback=LearnFromMotion())
+    assert type(model.replay_buffer) is ReplayBuffer
