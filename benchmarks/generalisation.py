@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.utils import ConstantSchedule
 
-from sb3_stereo.auxiliary import MotionHeads, MotionLearner
 from sb3_stereo.buffers import OFFSETS, StereoReplayBuffer
 from sb3_stereo.config import load_config
+from sb3_stereo.motion import MotionLearner
 from sb3_stereo.policies import StereoDDPGPolicy
 from sb3_stereo.runtime import available_cores
 
@@ -92,10 +92,9 @@ def fit_rewards(
     buffer = fill_buffer(Transitions(*(column[:n_train] for column in data)), mirror_probability)
     spaces = buffer.observation_space, buffer.action_space
     policy = StereoDDPGPolicy(*spaces, ConstantSchedule(3e-4), **deepcopy(policy_kwargs))  # type: ignore[arg-type]
-    encoder = policy.critic.features_extractor
-    learner = MotionLearner(encoder, MotionHeads(encoder.features_dim, buffer.n_joints, buffer.n_views), 1e-3)
+    learner = MotionLearner(policy.encoder, policy.motion, 1e-3) if policy.motion else None
     for _ in range(n_updates):
-        if policy.encoder_loss == "auxiliary":
+        if learner:
             learner.update(buffer.sample_motion(BATCH_SIZE))
         _fit_batch(policy, buffer.sample(BATCH_SIZE))
     return _r2(policy, data, slice(1000)), _r2(policy, data, slice(-N_TEST, None))

@@ -15,7 +15,8 @@ from stable_baselines3.td3.policies import Actor
 from torch import nn
 
 from sb3_stereo.extractors import hidden_norm_layers, initialise
-from sb3_stereo.sharing import FeatureMemo
+from sb3_stereo.motion import MotionHeads
+from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 
 
 def _uniform(layer: nn.Module, bound: float) -> None:
@@ -64,7 +65,10 @@ class StereoActor(Actor):
 
 
 class QHead(nn.Module):
-    """Q(features, action); the action joins after the first hidden layer, the only one that is normalised."""
+    """Q(features, action); the action joins after the first hidden layer, the only one that is normalised.
+
+    With `motion`, what it foresees of an action joins too.
+    """
 
     def __init__(
         self,
@@ -74,22 +78,26 @@ class QHead(nn.Module):
         activation_fn: type[nn.Module],
         hidden_norm: str,
         final_init: float,
+        motion: MotionHeads | None,
     ) -> None:
         super().__init__()
         norms = hidden_norm_layers(hidden_norm)
         before = create_mlp(features_dim, 0, net_arch[:1], activation_fn, post_linear_modules=norms)
-        after = create_mlp(net_arch[0] + action_dim, 1, net_arch[1:], activation_fn)
+        self._foresee = motion and motion.foresee  # not a submodule: another loss trains it
+        joining_dim = action_dim + (motion.foresight_dim if motion else 0)
+        after = create_mlp(net_arch[0] + joining_dim, 1, net_arch[1:], activation_fn)
         self.before, self.after = nn.Sequential(*before), nn.Sequential(*after)
         initialise(self, "fan_in")
         _uniform(self.after[-1], final_init)
 
     def forward(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
         """Map features (batch, features_dim) and actions (batch, action_dim) to values (batch, 1)."""
-        return self.join(self.before(features), actions)
+        return self.join(features, self.before(features), actions)
 
-    def join(self, hidden: th.Tensor, actions: th.Tensor) -> th.Tensor:
-        """Map the first hidden layer (batch, net_arch[0]) and actions (batch, action_dim) to values (batch, 1)."""
-        values: th.Tensor = self.after(th.cat([hidden, actions], dim=1))
+    def join(self, features: th.Tensor, hidden: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """`forward` with the first hidden layer (batch, net_arch[0]) at hand."""
+        foreseen = [self._foresee(features, actions)] if self._foresee else []
+        values: th.Tensor = self.after(th.cat([hidden, actions, *foreseen], dim=1))
         return values
 
 
@@ -111,7 +119,7 @@ class StereoCritic(ContinuousCritic):
         share_features_extractor: As in SB3, always False here.
         hidden_norm: Of the layer before the action joins: "batch", "layer" or "none".
         final_init: The output layers start in U(+-final_init).
-        trains_encoder: False detaches the features.
+        motion: Where an action leads, for the heads to know.
     """
 
     def __init__(
@@ -127,7 +135,7 @@ class StereoCritic(ContinuousCritic):
         share_features_extractor: bool = False,
         hidden_norm: str = "batch",
         final_init: float = 3e-4,
-        trains_encoder: bool = True,
+        motion: MotionHeads | None = None,
     ) -> None:
         if not net_arch:
             raise ValueError("the critic needs at least one hidden layer in net_arch: the action joins after the first")
@@ -142,11 +150,11 @@ class StereoCritic(ContinuousCritic):
             n_critics=0,  # SB3's heads take the action at their input; ours follow
             share_features_extractor=share_features_extractor,
         )
-        self.n_critics, self.trains_encoder = n_critics, trains_encoder
+        self.n_critics = n_critics
         self.memo: FeatureMemo | None = None
         action_dim = get_action_dim(action_space)
         for index in range(n_critics):
-            head = QHead(features_dim, action_dim, net_arch, activation_fn, hidden_norm, final_init)
+            head = QHead(features_dim, action_dim, net_arch, activation_fn, hidden_norm, final_init, motion)
             self.add_module(f"qf{index}", head)
             self.q_networks.append(head)
 
@@ -156,13 +164,9 @@ class StereoCritic(ContinuousCritic):
         if self.memo is None:
             return compute()
         assert isinstance(obs, th.Tensor)
-        with th.set_grad_enabled(th.is_grad_enabled() and self.trains_encoder):
+        borrowed = isinstance(features_extractor, BorrowedEncoder)
+        with th.set_grad_enabled(th.is_grad_enabled() and not borrowed):
             return self.memo(obs, compute)
-
-    def trained_parameters(self) -> list[nn.Parameter]:
-        """What the critic's loss trains."""
-        modules = [self] if self.trains_encoder else self.q_networks
-        return [parameter for module in modules for parameter in module.parameters()]
 
     def forward(self, obs: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
         """Return one tensor of values (batch, 1) per head."""
@@ -174,5 +178,6 @@ class StereoCritic(ContinuousCritic):
         head = self.q_networks[0]
         assert isinstance(head, QHead)
         with th.no_grad():
-            hidden = head.before(self.extract_features(obs, self.features_extractor))
-        return head.join(hidden, actions)
+            features = self.extract_features(obs, self.features_extractor)
+            hidden = head.before(features)
+        return head.join(features, hidden, actions)

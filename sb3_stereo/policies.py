@@ -6,6 +6,7 @@ from typing import Any
 
 import torch as th
 from gymnasium import spaces
+from stable_baselines3.common.preprocessing import get_action_dim
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.dqn.policies import DQNPolicy, QNetwork
@@ -13,11 +14,12 @@ from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
 from sb3_stereo.extractors import INITS, StereoCnn, check_choice, initialise
+from sb3_stereo.motion import MotionHeads
 from sb3_stereo.networks import StereoActor, StereoCritic
 from sb3_stereo.optim import ScaledAdam
 from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 
-ENCODER_LOSSES = ("critic", "auxiliary")
+ENCODER_LOSSES = ("critic", "motion")
 
 # The network of Mnih et al. 2015, which the paper's DQN takes over (Section 4.2) with Xavier weights (Section 5).
 NATURE_CNN = {
@@ -51,8 +53,9 @@ class StereoDDPGPolicy(TD3Policy):
         share_features_extractor: Must be False; see `shared_encoder`.
         shared_encoder: One encoder, trained by the critic's loss; the actor sees it detached (as in DrQ-v2). False
             gives the actor its own, trained by the actor's loss.
-        encoder_loss: Of the shared encoder: "critic", or "auxiliary", where a callback trains it and nothing else
-            (`LearnFromMotion`).
+        encoder_loss: Of the shared encoder: "critic", or "motion", where `LearnFromMotion` trains it and nothing else;
+            the critic then also sees where an action leads.
+        n_views: Views in the image, for "motion".
         actor_hidden_norm: Follows the actor's hidden layers (and its own convolutions if "batch"): "batch", "layer"
             or "none".
         critic_hidden_norm: The same for the critic and its encoder, up to where the action joins.
@@ -81,6 +84,7 @@ class StereoDDPGPolicy(TD3Policy):
         *,
         shared_encoder: bool = False,
         encoder_loss: str = "critic",
+        n_views: int = 2,
         actor_hidden_norm: str = "batch",
         critic_hidden_norm: str = "batch",
         qf_learning_rate: float | None = None,
@@ -98,9 +102,9 @@ class StereoDDPGPolicy(TD3Policy):
                 "use actor_hidden_norm and critic_hidden_norm"
             )
         check_choice("encoder_loss", encoder_loss, ENCODER_LOSSES)
-        if encoder_loss == "auxiliary" and not shared_encoder:
-            raise ValueError("encoder_loss 'auxiliary' needs shared_encoder=True")
-        self.shared_encoder, self.encoder_loss = shared_encoder, encoder_loss
+        if encoder_loss == "motion" and not shared_encoder:
+            raise ValueError("encoder_loss 'motion' needs shared_encoder=True")
+        self.shared_encoder, self.encoder_loss, self.n_views = shared_encoder, encoder_loss, n_views
         self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
         self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
         self.final_init = final_init
@@ -120,6 +124,12 @@ class StereoDDPGPolicy(TD3Policy):
         )
 
     def _build(self, lr_schedule: Schedule) -> None:
+        self.motion: MotionHeads | None = None
+        if self.encoder_loss == "motion":
+            self.encoder = self._make_encoder(self.critic_hidden_norm).eval().to(self.device)
+            self.motion = MotionHeads(self.encoder.features_dim, get_action_dim(self.action_space), self.n_views)
+            self.motion.to(self.device)
+            self._memo = FeatureMemo(self.encoder)
         self.actor, self.critic = self._make_pair()
         self.actor_target, self.critic_target = self._make_pair()
         self.actor_target.load_state_dict(self.actor.state_dict())
@@ -129,6 +139,11 @@ class StereoDDPGPolicy(TD3Policy):
         self._make_optimizers(lr_schedule(1))
 
     def _make_pair(self) -> tuple[StereoActor, StereoCritic]:
+        if self.encoder_loss == "motion":
+            actor = self.make_actor(BorrowedEncoder(self.encoder))
+            critic = self.make_critic(BorrowedEncoder(self.encoder))
+            actor.memo = critic.memo = self._memo
+            return actor, critic
         critic = self.make_critic()
         if not self.shared_encoder:
             return self.make_actor(), critic
@@ -144,8 +159,7 @@ class StereoDDPGPolicy(TD3Policy):
         if self.qf_learning_rate is not None and learning_rate > 0:
             critic_kwargs["lr_ratio"] = self.qf_learning_rate / learning_rate
         self.actor.optimizer = optimizer(self.actor.parameters(), lr=learning_rate, **actor_kwargs)
-        assert isinstance(self.critic, StereoCritic)
-        self.critic.optimizer = optimizer(self.critic.trained_parameters(), lr=learning_rate, **critic_kwargs)
+        self.critic.optimizer = optimizer(self.critic.parameters(), lr=learning_rate, **critic_kwargs)
 
     def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> StereoActor:
         """Return a new actor, with its own encoder if none is given."""
@@ -158,10 +172,7 @@ class StereoDDPGPolicy(TD3Policy):
         encoder = features_extractor or self._make_encoder(self.critic_hidden_norm)
         kwargs = self._update_features_extractor(self.critic_kwargs, encoder)
         return StereoCritic(
-            **kwargs,
-            hidden_norm=self.critic_hidden_norm,
-            final_init=self.final_init,
-            trains_encoder=self.encoder_loss == "critic",
+            **kwargs, hidden_norm=self.critic_hidden_norm, final_init=self.final_init, motion=self.motion
         ).to(self.device)
 
     def _make_encoder(self, hidden_norm: str) -> BaseFeaturesExtractor:
@@ -173,6 +184,7 @@ class StereoDDPGPolicy(TD3Policy):
             **super()._get_constructor_parameters(),
             "shared_encoder": self.shared_encoder,
             "encoder_loss": self.encoder_loss,
+            "n_views": self.n_views,
             "actor_hidden_norm": self.actor_hidden_norm,
             "critic_hidden_norm": self.critic_hidden_norm,
             "qf_learning_rate": self.qf_learning_rate,

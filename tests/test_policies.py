@@ -185,14 +185,12 @@ def test_critic_alone_trains_the_shared_encoder():
     assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in encoder)
 
 
-def test_neither_loss_trains_an_auxiliary_encoder():
-    model = ready_to_train({**OURS, "encoder_loss": "auxiliary"})
-    before, heads = state(model.critic.features_extractor), state(model.critic.q_networks[0])
+def test_neither_loss_trains_what_learns_from_motion():
+    model = ready_to_train({**OURS, "encoder_loss": "motion"})
+    encoder, motion, critic = state(model.policy.encoder), state(model.policy.motion), state(model.critic)
     model.train(3, batch_size=8)
-    assert same(before, state(model.critic.features_extractor))
-    target = state(model.critic_target.features_extractor)
-    assert all(th.allclose(target[name], value) for name, value in before.items())  # but for averaging's rounding
-    assert not same(heads, state(model.critic.q_networks[0]))
+    assert same(encoder, state(model.policy.encoder)) and same(motion, state(model.policy.motion))
+    assert not same(critic, state(model.critic))
 
 
 def test_each_separate_encoder_is_trained_by_its_own_loss():
@@ -399,12 +397,12 @@ def test_copied_policy_acts_the_same_and_has_its_own_encoder(policy_kwargs):
             "use shared_encoder=True, where the critic's loss trains it",
         ),
         (
-            {"encoder_loss": "auxiliary"},
-            "encoder_loss 'auxiliary' needs shared_encoder=True",
+            {"encoder_loss": "motion"},
+            "encoder_loss 'motion' needs shared_encoder=True",
         ),
         (
             {"encoder_loss": "actor", "shared_encoder": True},
-            "unknown encoder_loss 'actor'; choices are critic, auxiliary",
+            "unknown encoder_loss 'actor'; choices are critic, motion",
         ),
         (
             {"features_extractor_kwargs": {"hidden_norm": "none"}},

@@ -14,13 +14,13 @@ from stable_baselines3 import DDPG, DQN
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import CallbackList
 
-from sb3_stereo.auxiliary import LearnFromMotion, MotionHeads
 from sb3_stereo.buffers import MirrorExperience, Motion, StereoReplayBuffer
 from sb3_stereo.envs.wrappers import QuantizedActions
+from sb3_stereo.motion import LearnFromMotion, MotionHeads
 from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
 
 CNN = {"n_filters": 4, "features_dim": 8, "embedding_dim": 3, "input_norm": "pixel"}
-POLICY = {"net_arch": [8, 8], "shared_encoder": True, "encoder_loss": "auxiliary", "features_extractor_kwargs": CNN}
+POLICY = {"net_arch": [8, 8], "shared_encoder": True, "encoder_loss": "motion", "features_extractor_kwargs": CNN}
 
 
 def ddpg(env: Any = None, **settings: Any) -> DDPG:
@@ -61,21 +61,20 @@ def test_the_inverse_question_is_weighted() -> None:
 
 
 def test_the_encoder_learns_where_the_hand_is() -> None:
-    """From the fake arm's brightness: the loss falls to a small part, and targets begin with what was learnt."""
+    """From the fake arm's brightness: the loss falls to a small part."""
     model = ddpg(learning_starts=60)
     callback = LearnFromMotion(gradient_steps=1, replay_ratio=8, batch_size=32)
     losses = []
     original = MotionHeads.loss
 
-    class Recorded(MotionHeads):
-        def loss(self, *args: Any) -> th.Tensor:
-            value = original(self, *args)
-            losses.append(value.item())
-            return value
+    def recorded(self: MotionHeads, *args: Any) -> th.Tensor:
+        losses.append(original(self, *args))
+        return losses[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sb3_stereo.auxiliary.MotionHeads", Recorded)
+        patch.setattr(MotionHeads, "loss", recorded)
         model.learn(60, callback=callback)
+    losses = [loss.item() for loss in losses]
     assert callback.n_updates == len(losses) == 60 * 8 + 1
     assert np.mean(losses[-20:]) < 0.3 * np.mean(losses[:5])
 
@@ -83,20 +82,37 @@ def test_the_encoder_learns_where_the_hand_is() -> None:
 def test_updates_follow_the_random_steps() -> None:
     model = ddpg()
     callback = LearnFromMotion(gradient_steps=2, replay_ratio=0.5, batch_size=4)
-    encoder = [p.clone() for p in model.critic.features_extractor.parameters()]
+    encoder = [p.clone() for p in model.policy.encoder.parameters()]
     model.learn(29, callback=callback)
     assert callback.n_updates == 0
-    assert all(map(th.equal, encoder, model.critic.features_extractor.parameters()))
+    assert all(map(th.equal, encoder, model.policy.encoder.parameters()))
     model.learn(6, callback=callback, reset_num_timesteps=False)
     assert callback.n_updates == 15 + 2 * 6  # steps 30 to 35
-    assert not any(map(th.equal, encoder, model.critic.features_extractor.parameters()))
+    assert not any(map(th.equal, encoder, model.policy.encoder.parameters()))
 
 
-def test_the_target_starts_from_what_was_learnt_before_acting() -> None:
-    model = ddpg(tau=1e-6)
-    model.learn(30, callback=LearnFromMotion(gradient_steps=0, replay_ratio=1, batch_size=4))
-    online, target = model.critic.features_extractor.state_dict(), model.critic_target.features_extractor.state_dict()
-    assert all(th.equal(online[name], target[name]) for name in online)
+def test_the_critic_knows_where_an_action_leads() -> None:
+    """With everything else the same, what is foreseen changes Q, and its gradient reaches the action."""
+    policy = ddpg().policy
+    policy.set_training_mode(False)
+    images, action = th.zeros(2, 1, 60, 60, dtype=th.uint8), th.zeros(2, 4, requires_grad=True)
+    before = policy.critic(images, action)[0]
+    for parameter in policy.motion.prediction.parameters():
+        parameter.data += 0.1
+    assert not th.equal(before, policy.critic(images, action)[0])
+    head = policy.critic.q_networks[0]
+    with th.no_grad():
+        head.after[0].weight[:, 8:12] = 0  # the action's own way in
+    policy.critic.q1_forward(images, action).sum().backward()
+    assert action.grad is not None and action.grad.abs().sum() > 0
+
+
+def test_what_is_foreseen_are_offsets_and_their_lengths() -> None:
+    heads = MotionHeads(3, 4, 2, 8)
+    foreseen = heads.foresee(th.rand(5, 3), th.rand(5, 4))
+    assert foreseen.shape == (5, heads.foresight_dim)
+    offsets, lengths = foreseen[:, :4].reshape(5, 2, 2), foreseen[:, 4:]
+    assert th.allclose(th.hypot(offsets[..., 0], offsets[..., 1]), lengths)
 
 
 @pytest.mark.parametrize("mirrored", [True, False])
@@ -124,3 +140,9 @@ def test_an_environment_without_offsets_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^LearnFromMotion needs info\['pixel_offsets'\], which this environment "):
         model.learn(5, callback=LearnFromMotion())
     assert type(model.replay_buffer) is ReplayBuffer
+
+
+def test_a_policy_that_has_no_use_for_it_is_refused() -> None:
+    model = DDPG(StereoDDPGPolicy, gym.make(fake_reach.ENV_ID), buffer_size=10)
+    with pytest.raises(ValueError, match=r"^LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss "):
+        model.learn(5, callback=LearnFromMotion())

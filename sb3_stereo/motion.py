@@ -34,16 +34,22 @@ class MotionHeads(nn.Module):
         self,
         features_dim: int,
         n_joints: int,
-        n_views: int,
+        n_views: int = 2,
         hidden: int = 200,
         offset_scale: float = 50.0,
         inverse_coef: float = 0.5,
     ) -> None:
         super().__init__()
         self.offset_scale, self.inverse_coef = offset_scale, inverse_coef
+        self.foresight_dim = 3 * n_views
         self.position = nn.Sequential(*create_mlp(features_dim, 2 * n_views, [hidden]))
         self.prediction = nn.Sequential(*create_mlp(features_dim + n_joints, 2 * n_views, [hidden]))
         self.inverse = nn.Sequential(*create_mlp(2 * features_dim, n_joints, [hidden]))
+
+    def foresee(self, features: th.Tensor, efforts: th.Tensor) -> th.Tensor:
+        """Where efforts (batch, n_joints) take the end effector: offsets and distances, (batch, foresight_dim)."""
+        offsets = self.prediction(th.cat([features, efforts], dim=1))
+        return th.cat([offsets, offsets.unflatten(1, (-1, 2)).norm(dim=2)], dim=1)
 
     def loss(self, features: th.Tensor, next_features: th.Tensor, motion: Motion) -> th.Tensor:
         """Sum of the three mean squared errors; a hidden marker asks nothing.
@@ -89,19 +95,17 @@ class MotionLearner:
 
 
 class LearnFromMotion(BaseCallback):
-    """Train the critic's encoder on `MotionHeads` between the environment step and SB3's gradient steps.
+    """Train the encoder on `MotionHeads` between the environment step and SB3's gradient steps.
 
-    Meant for `encoder_loss="auxiliary"`, where nothing else trains the encoder. The targets are the actions and
-    `info["pixel_offsets"]`, the same centroids that the reward is made from; the agent acts on images alone.
+    For `StereoDDPGPolicy` with `encoder_loss="motion"`, where nothing else trains the encoder, and for DQN, where it
+    joins the Q-network's loss. The targets are the actions and `info["pixel_offsets"]`, the same centroids that the
+    reward is made from; the agent acts on images alone.
 
     Args:
         gradient_steps: Updates after every environment step.
         replay_ratio: Updates per random transition before the first action, as in `WarmUp`, which comes after.
         learning_rate: Adam's.
         batch_size: Transitions per update.
-        hidden: As in `MotionHeads`.
-        offset_scale: As in `MotionHeads`, in [px].
-        inverse_coef: As in `MotionHeads`.
         verbose: As in SB3.
     """
 
@@ -111,34 +115,30 @@ class LearnFromMotion(BaseCallback):
         replay_ratio: float = 3.0,
         learning_rate: float = 1e-3,
         batch_size: int = 100,
-        hidden: int = 200,
-        offset_scale: float = 50.0,
-        inverse_coef: float = 0.5,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
         self.gradient_steps, self.replay_ratio = gradient_steps, replay_ratio
         self.learning_rate, self.batch_size = learning_rate, batch_size
-        self.hidden, self.offset_scale, self.inverse_coef = hidden, offset_scale, inverse_coef
         self.n_updates = 0
 
     def _on_training_start(self) -> None:
         model: Any = self.model
+        if not isinstance(model, DQN) and getattr(model.policy, "motion", None) is None:
+            raise ValueError("LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss 'motion'")
         if not all(OFFSETS in info for info in self.training_env.reset_infos):
             raise ValueError(f"LearnFromMotion needs info['{OFFSETS}'], which this environment does not give")
         if not isinstance(model.replay_buffer, StereoReplayBuffer):
             model.replay_buffer = StereoReplayBuffer.of(model, mirror_probability=0.0)
         if self.n_updates == 0:
-            self._set_up(model, model.replay_buffer)
+            self._set_up(model.policy, model.replay_buffer)
 
-    def _set_up(self, model: Any, buffer: StereoReplayBuffer) -> None:
-        is_dqn = isinstance(model, DQN)
-        self.online, self.target = (model.q_net, model.q_net_target) if is_dqn else (model.critic, model.critic_target)
-        encoder = self.online.features_extractor
-        heads = MotionHeads(
-            encoder.features_dim, buffer.n_joints, buffer.n_views, self.hidden, self.offset_scale, self.inverse_coef
-        )
-        self.learner = MotionLearner(encoder, heads.to(model.device), self.learning_rate)
+    def _set_up(self, policy: Any, buffer: StereoReplayBuffer) -> None:
+        heads = getattr(policy, "motion", None)
+        encoder = policy.q_net.features_extractor if heads is None else policy.encoder
+        if heads is None:
+            heads = MotionHeads(encoder.features_dim, buffer.n_joints, buffer.n_views).to(policy.device)
+        self.learner = MotionLearner(encoder, heads, self.learning_rate)
 
     def _on_step(self) -> bool:
         model = self.model
@@ -146,7 +146,6 @@ class LearnFromMotion(BaseCallback):
         if self.num_timesteps >= model.learning_starts:
             if self.n_updates == 0:
                 self.train(round(self.replay_ratio * model.learning_starts))
-                self.target.features_extractor.load_state_dict(self.online.features_extractor.state_dict())
             self.train(self.gradient_steps * self.training_env.num_envs)
         return True
 
