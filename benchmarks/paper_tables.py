@@ -19,6 +19,7 @@ from benchmarks.report import write_report
 from sb3_stereo.runtime import available_cores
 
 DDPG_CHECKPOINTS = (1500, 2000, 5000, 7000, 8500)  # Table 3
+OUR_CHECKPOINTS = (1500, 2000, 3000, 5000, 7000, 8500)
 DQN_CHECKPOINTS = (1500, 3500, 5500, 7500, 10000)  # Table 4
 PIXEL = "policy_kwargs.features_extractor_kwargs.input_norm:pixel"
 
@@ -38,7 +39,7 @@ def paper_dqn(gamma: float) -> Row:
 
 
 ROWS = (
-    Row("ours_ddpg", "ddpg", "**DDPG, ours**", (), DDPG_CHECKPOINTS),
+    Row("ours_ddpg", "ddpg", "**DDPG, ours**", ("--eval-freq", "500"), OUR_CHECKPOINTS),
     paper_ddpg(0.99, "channel"),
     paper_dqn(0.2),
     Row("ours_dqn", "dqn", "**DQN, ours**", (), DQN_CHECKPOINTS),

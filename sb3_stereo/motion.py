@@ -125,9 +125,14 @@ class LearnFromMotion(BaseCallback):
     def _on_training_start(self) -> None:
         model: Any = self.model
         if not isinstance(model, DQN) and getattr(model.policy, "motion", None) is None:
-            raise ValueError("LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss 'motion'")
+            raise ValueError(
+                "LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss 'motion'; set it, or leave it out"
+            )
         if not all(OFFSETS in info for info in self.training_env.reset_infos):
-            raise ValueError(f"LearnFromMotion needs info['{OFFSETS}'], which this environment does not give")
+            raise ValueError(
+                f"LearnFromMotion needs info['{OFFSETS}'], which this environment does not give; "
+                "leave it out and set encoder_loss to 'critic'"
+            )
         if not isinstance(model.replay_buffer, StereoReplayBuffer):
             model.replay_buffer = StereoReplayBuffer.of(model, mirror_probability=0.0)
         if self.n_updates == 0:
