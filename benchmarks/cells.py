@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,12 +48,12 @@ class Row:
         return {int(line["seed"]) for line in read(self.record) if int(line["timesteps"]) >= self.checkpoints[-1]}
 
 
-def read(record: Path) -> list[dict[str, str]]:
-    """The lines of a record, by seed and step; none if there is no record."""
+def read(record: Path, key: Sequence[str] = ("seed", "timesteps")) -> list[dict[str, str]]:
+    """The lines of a record in the order of these columns; none if there is no record."""
     if not record.exists():
         return []
     with record.open(newline="", encoding="utf-8") as file:
-        return sorted(csv.DictReader(file), key=lambda line: (int(line["seed"]), int(line["timesteps"])))
+        return sorted(csv.DictReader(file), key=lambda line: [int(line[column]) for column in key])
 
 
 def write(record: Path, lines: Iterable[dict[str, str]]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import bootstrap, trim_mean
 
+from benchmarks import cells
 from benchmarks.cells import Row, read
 
 matplotlib.use("Agg")
@@ -38,13 +39,14 @@ and neither is claimed to be the paper's.
 
 def write_report(rows: Sequence[Row], folder: Path) -> Path:
     """Write `RESULTS.md` and the pictures into `folder`, and return the report's path."""
-    parts = [HEAD]
+    parts = [HEAD, *optimum()]
     for algo, title in (("ddpg", "DDPG (Table 3)"), ("dqn", "DQN (Table 4)")):
         chosen = [row for row in rows if row.algo == algo and read(row.record)]
         if chosen:
             picture = f"learning_curves_{algo}.svg"
             draw(chosen, folder / picture, title)
             parts.append(f"## {title}\n\n![Success over environment steps]({picture})\n\n{table(chosen)}")
+    parts += comparison(rows)
     missing = [f"`{row.name}`" for row in rows if not read(row.record)]
     if missing:
         parts.append(f"Not measured yet: {', '.join(missing)}.\n")
@@ -52,6 +54,56 @@ def write_report(rows: Sequence[Row], folder: Path) -> Path:
     report = folder / "RESULTS.md"
     report.write_text("\n".join(parts), encoding="utf-8")
     return report
+
+
+def optimum() -> list[str]:
+    """What the planner of `benchmarks.optimum` needs, if it is recorded."""
+    record = cells.RESULTS / "optimum.csv"
+    if not record.exists():
+        return []
+    steps = np.array([int(line["steps"]) for line in read(record, key=("pose",))])
+    counts = ", ".join(f"{np.sum(steps == n)} in {n}" for n in range(1, steps.max() + 1))
+    return [
+        f"The best possible: a planner that knows the simulator reaches with {steps.mean():.2f} steps on average "
+        f"({counts}; a search, so an upper bound; `python -m benchmarks.optimum`).\n"
+    ]
+
+
+# The paper's claim, for its own settings and for ours: (DDPG's row, DQN's row).
+PAIRS = (
+    ("paper_ddpg_channel_gamma_0.99", "paper_dqn_gamma_0.2"),
+    ("paper_ddpg_pixel_gamma_0.99", "paper_dqn_gamma_0.2"),
+    ("ours_ddpg", "ours_dqn"),
+)
+
+
+def comparison(rows: Sequence[Row]) -> list[str]:
+    """DDPG against DQN at the end of their trainings, for the pairs that have two seeds each."""
+    by_name = {row.name: row for row in rows}
+    lines = []
+    for names in PAIRS:
+        pair = [by_name[name] for name in names if name in by_name]
+        last = [100 * matrix(row, "success_rate")[:, -1] for row in pair if len(matrix(row, "success_rate")) > 1]
+        if len(last) == 2:
+            low, high = difference(*last)
+            verdict = "confirmed" if low > 0 else "refuted" if high < 0 else "undecided"
+            labels = [row.label.strip("*") for row in pair]
+            sizes = " and ".join(str(len(values)) for values in last)
+            lines.append(
+                _line([*labels, sizes, f"{np.mean(last[0]) - np.mean(last[1]):.1f} ({low:.0f} to {high:.0f})", verdict])
+            )
+    if not lines:
+        return []
+    head = [_line(["DDPG", "DQN", "seeds", "success, difference in points", "DDPG is better"]), _line(["---"] * 5)]
+    return ["## Is DDPG better than DQN?\n\nAt the end of their trainings.\n\n" + "\n".join([*head, *lines]) + "\n"]
+
+
+def difference(first: Floats, second: Floats) -> tuple[float, float]:
+    """95 % bootstrap interval of the difference of two means over seeds."""
+    rng = np.random.default_rng(0)
+    means = [rng.choice(values, (10_000, len(values))).mean(axis=1) for values in (first, second)]
+    low, high = np.quantile(means[0] - means[1], [0.025, 0.975])
+    return float(low), float(high)
 
 
 def matrix(row: Row, column: str) -> Floats:

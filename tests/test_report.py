@@ -96,6 +96,25 @@ def test_interval_of_equal_seeds_is_their_value_and_of_others_lies_around_the_me
     assert 1.0 < low < 3.0 < high < 5.0
 
 
+def test_the_claim_is_judged_by_its_interval(records: Path) -> None:
+    rows = [Row(name, name.split("_")[1], name, (), (10, 20)) for name in ("ours_ddpg", "ours_dqn")]
+    lines = read(ROW.record)
+    write(rows[0].record, lines)
+    write(rows[1].record, [{**line, "success_rate": str(0.1 * int(line["seed"]))} for line in lines])
+    assert (
+        "| ours_ddpg | ours_dqn | 2 and 2 | 95.0 (90 to 100) | confirmed |" in write_report(rows, records).read_text()
+    )
+    write(rows[1].record, lines)
+    assert "0.0 (0 to 0) | undecided |" in write_report(rows, records).read_text()
+    assert "Is DDPG better" not in write_report(rows[:1], records).read_text()
+
+
+def test_the_best_possible_stands_above_the_tables(records: Path) -> None:
+    (records / "results" / "optimum.csv").write_text("pose,steps\n1,3\n0,1\n2,1\n")
+    text = write_report([ROW], records).read_text()
+    assert "with 1.67 steps on average (2 in 1, 0 in 2, 1 in 3; a search" in text
+
+
 def test_the_readme_quotes_the_committed_report() -> None:
     root = Path(__file__).parent.parent
     quoted = (root / "README.md").read_text().split("<!-- results -->\n")[1].split("<!-- end of results -->")[0]
