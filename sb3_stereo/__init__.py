@@ -14,6 +14,7 @@ __version__ = "0.1.0"
 _LAZY = {
     "AnnealExploration": "sb3_stereo.exploration",
     "AnnealedOrnsteinUhlenbeckNoise": "sb3_stereo.exploration",
+    "LearnFromMotion": "sb3_stereo.motion",
     "MirrorExperience": "sb3_stereo.buffers",
     "StereoReplayBuffer": "sb3_stereo.buffers",
     "QuantizedActions": "sb3_stereo.envs.wrappers",
