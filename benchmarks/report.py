@@ -1,21 +1,18 @@
 """The report of the tables, a pure function of the records."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import bootstrap, trim_mean
+from scipy.stats import bootstrap
 
 from benchmarks import cells
 from benchmarks.cells import Row, read
+from sb3_stereo.intervals import Floats, interquartile_mean, interval
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
-
-Floats = NDArray[np.float64]
 
 # Tables 3 and 4: success in % and average number of steps at each row's checkpoints.
 PUBLISHED = {
@@ -100,10 +97,14 @@ def comparison(rows: Sequence[Row]) -> list[str]:
 
 def difference(first: Floats, second: Floats) -> tuple[float, float]:
     """95 % bootstrap interval of the difference of two means over seeds."""
-    rng = np.random.default_rng(0)
-    means = [rng.choice(values, (10_000, len(values))).mean(axis=1) for values in (first, second)]
-    low, high = np.quantile(means[0] - means[1], [0.025, 0.975])
-    return float(low), float(high)
+    if np.ptp(first) == np.ptp(second) == 0:
+        return float(first[0] - second[0]), float(first[0] - second[0])
+
+    def of_means(one: Floats, other: Floats, axis: int) -> Floats:
+        return np.asarray(np.mean(one, axis=axis) - np.mean(other, axis=axis))
+
+    result = bootstrap((first, second), of_means, method="percentile", rng=np.random.default_rng(0))
+    return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
 
 def matrix(row: Row, column: str) -> Floats:
@@ -113,19 +114,6 @@ def matrix(row: Row, column: str) -> Floats:
         by_seed.setdefault(line["seed"], {})[int(line["timesteps"])] = float(line[column])
     finished = [scores for scores in by_seed.values() if row.checkpoints[-1] in scores]
     return np.array([[scores[step] for step in row.checkpoints] for scores in finished])
-
-
-def interquartile_mean(values: Floats, axis: int = -1) -> Floats:
-    """The mean of the middle half."""
-    return np.asarray(trim_mean(values, 0.25, axis=axis))
-
-
-def interval(values: Floats, statistic: Callable[..., Any] = np.mean) -> tuple[float, float]:
-    """95 % bootstrap interval of a statistic over seeds; the value itself where all seeds agree."""
-    if len(values) < 2 or np.ptp(values) == 0:
-        return float(values[0]), float(values[0])
-    result = bootstrap((values,), statistic, method="percentile", rng=np.random.default_rng(0))
-    return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
 
 def table(rows: Iterable[Row]) -> str:

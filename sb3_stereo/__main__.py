@@ -9,6 +9,7 @@ COMMANDS = {
     "train": "train an agent and score it on the test poses",
     "enjoy": "play a trained agent and count its successes",
     "evaluate": "score a trained agent on the test poses",
+    "plot": "draw the learning curves of runs",
 }
 
 USAGE = "\n".join(

@@ -8,7 +8,8 @@ import pytest
 from benchmarks import cells
 from benchmarks.cells import Row, read, train_missing, write
 from benchmarks.paper_tables import ROWS
-from benchmarks.report import interval, matrix, write_report
+from benchmarks.report import matrix, write_report
+from sb3_stereo.intervals import interval
 
 ROW = Row("made_up", "ddpg", "Made up", ("-params", "gamma:0.9"), (10, 20))
 SCORES = {  # (seed, step): success rate, steps, mean action, mean Q

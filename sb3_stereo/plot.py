@@ -1,0 +1,164 @@
+"""Draw the learning curves of runs: `python -m sb3_stereo.plot logs/ddpg/* -o curves.png`."""
+
+import argparse
+import csv
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.cli import Parser, run_command
+from sb3_stereo.config import Config
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.runs import EVALUATIONS, load_record
+
+Floats = NDArray[np.float64]
+
+PANELS = {
+    "success_rate": "reached",
+    "mean_steps_success": "steps when reached",
+    "mean_return": "return",
+    "mean_q": "Q",
+    "mean_action": "|a|",
+}
+FORMATS = (".pdf", ".png", ".svg")
+
+
+class Curves(NamedTuple):
+    """Runs of one configuration, which differ in their seeds."""
+
+    label: str
+    timesteps: NDArray[np.int64]  # (n_checkpoints,), those that all runs have
+    scores: dict[str, Floats]  # column: (n_runs, n_checkpoints)
+
+
+def read_scores(run: Path) -> dict[int, dict[str, float]]:
+    """Return a run's scores by step.
+
+    Raises:
+        ConfigError: If there are none.
+    """
+    try:
+        with (run / EVALUATIONS).open(newline="", encoding="utf-8") as file:
+            scores = {int(line["timesteps"]): {k: float(v) for k, v in line.items()} for line in csv.DictReader(file)}
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"cannot read the scores in '{run / EVALUATIONS}' ({type(error).__name__})") from error
+    if not scores:
+        raise ConfigError(f"'{run}' has no scores yet; the first comes at the first checkpoint of its training")
+    return scores
+
+
+def group_runs(runs: Sequence[Path]) -> list[Curves]:
+    """Put runs of equal configuration together, and label the groups by what differs."""
+    groups: list[tuple[dict[str, Any], list[Path]]] = []
+    for run in runs:
+        settings = flatten(load_record(run)[0])
+        members = next((members for known, members in groups if known == settings), None)
+        if members is None:
+            groups.append((settings, [run]))
+        else:
+            members.append(run)
+    everything = [settings for settings, _ in groups]
+    return [_curves(label(settings, everything), members) for settings, members in groups]
+
+
+def flatten(config: Config) -> dict[str, Any]:
+    """A configuration with dotted keys, `policy_kwargs.n_critics`, and the algorithm."""
+
+    def walk(prefix: str, value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            return {prefix: value}
+        return {
+            k: v for key, inner in value.items() for k, v in walk(f"{prefix}.{key}" if prefix else key, inner).items()
+        }
+
+    return {"algo": config.algo, **walk("", config.plain())}
+
+
+def label(settings: Mapping[str, Any], everything: Sequence[Mapping[str, Any]]) -> str:
+    """The algorithm, and the settings that are not the same in all groups."""
+    keys = sorted({key for other in everything for key in other} - {"algo"})
+    differing = [key for key in keys if any(other.get(key) != everything[0].get(key) for other in everything)]
+    return ", ".join([str(settings["algo"]), *(f"{key.rpartition('.')[2]} {settings.get(key)}" for key in differing)])
+
+
+def _curves(name: str, runs: Sequence[Path]) -> Curves:
+    scores = [read_scores(run) for run in runs]
+    timesteps = sorted(set.intersection(*(set(by_step) for by_step in scores)))
+    if not timesteps:
+        raise ConfigError(f"the runs of '{name}' were scored at different steps; plot them one by one")
+    columns = {
+        column: np.array([[by_step[step].get(column, np.nan) for step in timesteps] for by_step in scores])
+        for column in PANELS
+    }
+    return Curves(f"{name} ({len(runs)} run{'s' * (len(runs) > 1)})", np.array(timesteps), columns)
+
+
+def draw(groups: Sequence[Curves], file: Path) -> None:
+    """Draw a panel per score: the mean over runs and its 95 % bootstrap interval."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    from sb3_stereo.intervals import interval
+
+    figure, axes = plt.subplots(1, len(PANELS), figsize=(4 * len(PANELS), 3.6), layout="constrained")
+    for (column, title), panel in zip(PANELS.items(), axes, strict=True):
+        for group in groups:
+            values = group.scores[column]
+            shown = np.isfinite(values).any(axis=0)  # e.g. no steps before the first success
+            steps, known = group.timesteps[shown], [row[np.isfinite(row)] for row in values[:, shown].T]
+            (curve,) = panel.plot(steps, [row.mean() for row in known], marker="o", markersize=3, label=group.label)
+            if len(values) > 1 and known:
+                panel.fill_between(
+                    steps, *np.transpose([interval(row) for row in known]), alpha=0.2, color=curve.get_color()
+                )
+        panel.set(title=title, xlabel="environment steps")
+        panel.grid(alpha=0.3)
+    axes[0].set(ylim=(-0.03, 1.03))
+    axes[0].legend(fontsize="small")
+    try:
+        figure.savefig(file, dpi=120)
+    except OSError as error:
+        raise ConfigError(f"cannot write '{file}' ({error.strerror}); choose another with -o") from error
+    finally:
+        plt.close(figure)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(prog="plot", description="Draw learning curves; runs that differ only in their seed share one.")
+    parser.add_argument("runs", metavar="RUN", nargs="+", help="run directories, e.g. logs/ddpg/*")
+    parser.add_argument("-o", "--output", default="curves.png", metavar="FILE", help="picture (default: curves.png)")
+    return parser
+
+
+def plot_command(args: argparse.Namespace) -> int:
+    """Read the runs and draw them."""
+    file = Path(args.output)
+    if file.suffix not in FORMATS:
+        raise ConfigError(f"cannot draw '{file}'; the name must end in {', '.join(FORMATS)}")
+    groups = group_runs([Path(run) for run in args.runs])
+    try:
+        draw(groups, file)
+    except ModuleNotFoundError as error:
+        raise ConfigError(f'drawing needs {error.name}; install it with: pip install "sb3_stereo[plots]"') from error
+    print(f"Drew {', '.join(group.label for group in groups)} into {file}")
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and draw.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(plot_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
