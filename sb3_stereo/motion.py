@@ -128,7 +128,8 @@ class LearnFromMotion(BaseCallback):
             raise ValueError(
                 "LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss 'motion'; set it, or leave it out"
             )
-        if not all(OFFSETS in info for info in self.training_env.reset_infos):
+        infos = self.training_env.unwrapped.reset_infos  # a wrapper's own are empty
+        if not all(OFFSETS in info for info in infos):
             raise ValueError(
                 f"LearnFromMotion needs info['{OFFSETS}'], which this environment does not give; "
                 "leave it out and set encoder_loss to 'critic'"

@@ -13,6 +13,7 @@ from fake_env import FakeImageEnv
 from stable_baselines3 import DDPG, DQN
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from sb3_stereo.buffers import MirrorExperience, Motion, StereoReplayBuffer
 from sb3_stereo.envs.wrappers import QuantizedActions
@@ -133,6 +134,13 @@ def test_dqn_learns_to_see_too() -> None:
     before = [p.clone() for p in model.q_net.features_extractor.parameters()]
     model.learn(30, callback=LearnFromMotion(replay_ratio=1, batch_size=4))
     assert not any(map(th.equal, before, model.q_net.features_extractor.parameters()))
+
+
+def test_wrapped_vector_environments_are_fine() -> None:
+    model = ddpg(VecMonitor(DummyVecEnv([lambda: gym.make(fake_reach.ENV_ID)] * 2)))
+    callback = LearnFromMotion(replay_ratio=0.5, batch_size=4)
+    model.learn(34, callback=callback)
+    assert callback.n_updates == 15 + 2 * 2 * 3  # at 30, 32 and 34 steps
 
 
 def test_an_environment_without_offsets_is_refused() -> None:
