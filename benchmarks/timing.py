@@ -44,17 +44,18 @@ class Worker:
     """
 
     def __init__(self, module: str, *args: str) -> None:
+        self.command = f"python -m {' '.join((module, *args))}"
         self.process = subprocess.Popen(
             [sys.executable, "-m", module, *args], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        self._await("ready")
+        self._await()
 
-    def _await(self, word: str = "") -> str:
+    def _await(self) -> str:
         assert self.process.stdout is not None
         for line in self.process.stdout:  # libraries may print their own lines
             if line.startswith(("ready", "took ")):
                 return line
-        raise RuntimeError(f"{' '.join(map(str, self.process.args))} ended before it was {word or 'done'}")  # type: ignore[arg-type]
+        raise RuntimeError(f"{self.command} ended before it answered")
 
     def __call__(self) -> float:
         """Do it once."""

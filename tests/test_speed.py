@@ -30,7 +30,9 @@ def test_a_candidate_takes_as_long_as_its_call() -> None:
 
 
 def test_a_worker_that_ends_is_an_error_and_not_a_hang() -> None:
-    with pytest.raises(RuntimeError, match=r"ended before it was ready"):
+    with pytest.raises(
+        RuntimeError, match=r"^python -m benchmarks.updates ddpg ours no number ended before it answered$"
+    ):
         timing.Worker("benchmarks.updates", "ddpg", "ours", "no number")
 
 
