@@ -15,7 +15,7 @@ _LAZY = {
     "AnnealExploration": "sb3_stereo.exploration",
     "AnnealedOrnsteinUhlenbeckNoise": "sb3_stereo.exploration",
     "LearnFromMotion": "sb3_stereo.motion",
-    "MirrorExperience": "sb3_stereo.buffers",
+    "StereoReplay": "sb3_stereo.buffers",
     "StereoReplayBuffer": "sb3_stereo.buffers",
     "QuantizedActions": "sb3_stereo.envs.wrappers",
     "StereoCnn": "sb3_stereo.extractors",

@@ -1,8 +1,8 @@
-"""Replay of stereo images: every transition in the mirror as well, and what was seen to move."""
+"""Replay of stereo images: every transition in the mirror as well, goals more often, and what was seen to move."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +30,11 @@ class Motion(NamedTuple):
     next_offsets: th.Tensor  # (batch, n_views, 2) in [px], nan where a marker was hidden
 
 
+Index = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and environments, (batch,) each
+
+
 class StereoReplayBuffer(ReplayBuffer):
-    """Sample some transitions in the mirror, which adds experience without a step of interaction.
+    """Sample some transitions in the mirror, which adds experience without a step of interaction, and goals often.
 
     With cameras and target placed symmetrically, a scene and its mirror image through the arm's vertical plane are
     the same task: each camera sees, flipped, what the other one saw, and the joints that turn about an axis in that
@@ -43,6 +46,8 @@ class StereoReplayBuffer(ReplayBuffer):
         mirrored_joints: Components of the action that change sign.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
         mirror_probability: Share of the samples that are mirrored.
+        goal_share: Share of the samples that are transitions into a terminal state, as soon as there is one. A random
+            arm reaches the target about once in 300 steps, and what the critic knows of value starts there.
         kwargs: As in SB3's `ReplayBuffer`.
     """
 
@@ -53,10 +58,11 @@ class StereoReplayBuffer(ReplayBuffer):
         mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
         n_joints: int = WAM_N_JOINTS,
         mirror_probability: float = 0.5,
+        goal_share: float = 0.0,
         **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self._set_up(n_views, mirrored_joints, n_joints, mirror_probability)
+        self._set_up(n_views, mirrored_joints, n_joints, mirror_probability, goal_share)
 
     @classmethod
     def of(
@@ -66,6 +72,7 @@ class StereoReplayBuffer(ReplayBuffer):
         mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
         n_joints: int = WAM_N_JOINTS,
         mirror_probability: float = 0.5,
+        goal_share: float = 0.0,
     ) -> StereoReplayBuffer:
         """Take over a model's buffer with all its transitions.
 
@@ -76,11 +83,21 @@ class StereoReplayBuffer(ReplayBuffer):
             raise ValueError(f"a StereoReplayBuffer replaces a replay buffer, and {type(model).__name__} has none")
         stereo = cls.__new__(cls)
         stereo.__dict__.update(model.replay_buffer.__dict__)
-        stereo._set_up(n_views, mirrored_joints, n_joints, mirror_probability)
+        stereo._set_up(n_views, mirrored_joints, n_joints, mirror_probability, goal_share)
         return stereo
 
-    def _set_up(self, n_views: int, mirrored_joints: Sequence[int], n_joints: int, mirror_probability: float) -> None:
-        self.n_views, self.mirror_probability = n_views, mirror_probability
+    def _set_up(
+        self,
+        n_views: int,
+        mirrored_joints: Sequence[int],
+        n_joints: int,
+        mirror_probability: float,
+        goal_share: float,
+    ) -> None:
+        for name, share in (("mirror_probability", mirror_probability), ("goal_share", goal_share)):
+            if not 0.0 <= share <= 1.0:
+                raise ValueError(f"{name} is {share}; give a number from 0 to 1")
+        self.n_views, self.mirror_probability, self.goal_share = n_views, mirror_probability, goal_share
         self.n_joints = n_joints if isinstance(self.action_space, Discrete) else self.action_dim
         if not hasattr(self, "offsets"):
             self.offsets = np.full((self.buffer_size, self.n_envs, n_views, 2), np.nan, np.float32)
@@ -107,43 +124,71 @@ class StereoReplayBuffer(ReplayBuffer):
             self.offsets[self.pos, env] = info.get(OFFSETS, np.nan)
         super().add(obs, next_obs, action, reward, done, infos)
 
-    def _get_samples(self, batch_inds: NDArray[Any], env: VecNormalize | None = None) -> ReplayBufferSamples:
-        samples = super()._get_samples(batch_inds, env)
-        chosen = self._choose(len(batch_inds))
-        observations, actions, next_observations = samples[:3]
-        for tensor, mirror in (
-            (observations, self.mirror),
-            (actions, self.mirror_actions),
-            (next_observations, self.mirror),
-        ):
-            tensor[chosen] = mirror(tensor[chosen])  # the sample is a copy of the buffer
+    def sample(self, batch_size: int, env: VecNormalize | None = None) -> ReplayBufferSamples:
+        """As in SB3, with the shares of goals and of mirror images."""
+        at = self._draw(batch_size, self.goal_share)
+        data: tuple[Any, ...] = (
+            self._normalize_obs(self.observations[at], env),
+            self.actions[at],
+            self._normalize_obs(self._next_images(at), env),
+            self._terminal(at)[:, None],
+            self._normalize_reward(self.rewards[at][:, None], env),
+        )
+        samples = ReplayBufferSamples(*map(self.to_torch, data))
+        self._mirror_some(samples[:3], (self.mirror, self.mirror_actions, self.mirror))
         return samples
 
     def sample_motion(self, batch_size: int) -> Motion:
         """Sample transitions, mirrored like those of `sample`, without rewards."""
-        # SB3's memory saver keeps a next observation in the place after, which is gone for the newest of a full buffer.
-        oldest, skipped = (self.pos, int(self.optimize_memory_usage)) if self.full else (0, 0)
-        rows = (oldest + np.random.randint(skipped, self.size(), batch_size)) % self.buffer_size
-        at = rows, np.random.randint(0, self.n_envs, batch_size)
-        following = (at[0] + 1) % self.buffer_size, at[1]
-        next_images = self.observations[following] if self.optimize_memory_usage else self.next_observations[at]
+        at = self._draw(batch_size)
         actions = self.to_torch(self.actions[at])
         motion = Motion(
             self.to_torch(self.observations[at]),
             self._efforts.to(self.device)[actions[:, 0].long()] if isinstance(self.action_space, Discrete) else actions,
-            self.to_torch(next_images),
+            self.to_torch(self._next_images(at)),
             self.to_torch(self.offsets[at]),
         )
-        chosen = self._choose(batch_size)
-        for tensor, mirror in zip(
-            motion, (self.mirror, self.mirror_efforts, self.mirror, self.mirror_offsets), strict=True
-        ):
-            tensor[chosen] = mirror(tensor[chosen])
+        self._mirror_some(motion, (self.mirror, self.mirror_efforts, self.mirror, self.mirror_offsets))
         return motion
 
-    def _choose(self, batch_size: int) -> th.Tensor:
-        """Which samples of a batch are mirrored, by the generator that SB3 samples with."""
-        return th.as_tensor(np.random.random(batch_size) < self.mirror_probability, device=self.device)
+    def _draw(self, batch_size: int, goal_share: float = 0.0) -> Index:
+        """Draw transitions, by NumPy's global generator as SB3 does; the goals come first."""
+        oldest, skipped = self._oldest
+        rows = (oldest + np.random.randint(skipped, self.size(), batch_size)) % self.buffer_size
+        envs = np.random.randint(0, self.n_envs, batch_size)
+        goals = np.argwhere(self._terminal(slice(None))) if goal_share else np.empty((0, 2))
+        goals = goals[goals[:, 0] != oldest] if skipped else goals
+        if len(goals):
+            n_goals = round(goal_share * batch_size)
+            rows[:n_goals], envs[:n_goals] = goals[np.random.randint(0, len(goals), n_goals)].T
+        return rows, envs
+
+    @property
+    def _oldest(self) -> tuple[int, int]:
+        """The oldest row, and whether it (1 or 0) is to be skipped.
+
+        SB3's memory saver keeps a next image in the following row, so that a full buffer's newest transition has
+        written over the oldest one's image.
+        """
+        return (self.pos, int(self.optimize_memory_usage)) if self.full else (0, 0)
+
+    def _terminal(self, at: Index | slice) -> NDArray[np.float32]:
+        """1 for transitions into a terminal state, 0 for others and where only time ran out."""
+        terminal: NDArray[np.float32] = self.dones[at] * (1 - self.timeouts[at])
+        return terminal
+
+    def _next_images(self, at: Index) -> NDArray[Any]:
+        rows, envs = at
+        if self.optimize_memory_usage:
+            return np.asarray(self.observations[(rows + 1) % self.buffer_size, envs])
+        return np.asarray(self.next_observations[at])
+
+    def _mirror_some(self, tensors: Sequence[th.Tensor], mirrors: Sequence[Callable[[th.Tensor], th.Tensor]]) -> None:
+        """Mirror the same samples in every tensor, in place: they are copies of the buffer."""
+        n_samples = len(tensors[0])
+        chosen = th.as_tensor(np.random.random(n_samples) < self.mirror_probability, device=self.device)
+        for tensor, mirror in zip(tensors, mirrors, strict=True):
+            tensor[chosen] = mirror(tensor[chosen])
 
     def mirror(self, images: th.Tensor) -> th.Tensor:
         """Flip every view of (batch, 1, n_views * height, width) left to right and reverse their order."""
@@ -175,13 +220,15 @@ def _digits(n_actions: int, n_joints: int) -> NDArray[np.int64]:
     return np.stack(np.unravel_index(np.arange(n_actions), (levels,) * n_joints)).astype(np.int64)
 
 
-class MirrorExperience(BaseCallback):
-    """Make a model's replay buffer a `StereoReplayBuffer` that mirrors, as a YAML file, also the zoo's, can ask for.
+class StereoReplay(BaseCallback):
+    """Make a model's replay buffer a `StereoReplayBuffer`, as a YAML file, also the zoo's, can ask for.
 
     Args:
         n_views: As in `StereoReplayBuffer`.
         mirrored_joints: As in `StereoReplayBuffer`.
         n_joints: As in `StereoReplayBuffer`.
+        mirror_probability: As in `StereoReplayBuffer`.
+        goal_share: As in `StereoReplayBuffer`.
         verbose: As in SB3.
     """
 
@@ -190,14 +237,16 @@ class MirrorExperience(BaseCallback):
         n_views: int = 2,
         mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
         n_joints: int = WAM_N_JOINTS,
+        mirror_probability: float = 0.5,
+        goal_share: float = 0.0,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
-        self.n_views, self.mirrored_joints, self.n_joints = n_views, mirrored_joints, n_joints
+        self.options = n_views, mirrored_joints, n_joints, mirror_probability, goal_share
 
     def _on_training_start(self) -> None:
         model: Any = self.model
-        model.replay_buffer = StereoReplayBuffer.of(model, self.n_views, self.mirrored_joints, self.n_joints)
+        model.replay_buffer = StereoReplayBuffer.of(model, *self.options)
 
     def _on_step(self) -> bool:
         return True

@@ -1,4 +1,4 @@
-"""The mirror: an involution, true to the environment, and taken over without losing anything; what moved."""
+"""The mirror: an involution, true to the environment, and taken over without losing anything; goals; what moved."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import DDPG, DQN, PPO
 from stable_baselines3.common.buffers import ReplayBuffer
 
-from sb3_stereo.buffers import MirrorExperience, StereoReplayBuffer
+from sb3_stereo.buffers import StereoReplay, StereoReplayBuffer
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.wrappers import QuantizedActions
 from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
@@ -84,16 +84,52 @@ def test_the_environment_is_its_own_mirror_image() -> None:
     env.close()
 
 
-def numbered(n_steps: int, n_envs: int = 1, **kwargs: Any) -> StereoReplayBuffer:
-    """Step t of environment e has everywhere the number 10 e + t."""
+def numbered(n_steps: int, n_envs: int = 1, goals: tuple[int, ...] = (), **kwargs: Any) -> StereoReplayBuffer:
+    """Step t of environment e has everywhere the number 10 e + t; those of `goals` end an episode."""
     buffer = StereoReplayBuffer(4 * n_envs, IMAGES, Box(-1, 1, (4,)), device="cpu", n_envs=n_envs, **kwargs)
     for step in range(n_steps):
         number = 10 * np.arange(n_envs) + step
         image = np.tile(number[:, None, None, None], (1, 1, 8, 6)).astype(np.uint8)
-        infos = [{"pixel_offsets": np.full((2, 2), n + 1.0)} for n in number]
+        infos = [{"pixel_offsets": np.full((2, 2), n + 1.0), "TimeLimit.truncated": bool(n % 2)} for n in number]
         action = np.tile(number[:, None] / 100, (1, 4))
-        buffer.add(image, image + 1, action, number * 1.0, np.zeros(n_envs), infos)
+        buffer.add(image, image + 1, action, number * 1.0, np.isin(number, goals) * 1.0, infos)
     return buffer
+
+
+@pytest.mark.parametrize("optimize", [False, True])
+def test_a_sample_is_one_transition_as_sb3_samples_it(optimize: bool) -> None:
+    memory = {"optimize_memory_usage": optimize, "handle_timeout_termination": not optimize}
+    buffer = numbered(6, n_envs=2, mirror_probability=0.0, goals=(4, 5, 13), **memory)
+    np.random.seed(0)
+    ours, theirs = buffer.sample(400), ReplayBuffer.sample(buffer, 400)
+
+    def transitions(samples: Any) -> set[tuple[float, ...]]:
+        return set(zip(*(tensor.flatten(1)[:, 0].tolist() for tensor in samples if tensor is not None), strict=True))
+
+    assert transitions(ours) == transitions(theirs)
+
+
+@pytest.mark.parametrize("optimize", [False, True])
+def test_goals_get_their_share_and_what_time_cut_short_is_none(optimize: bool) -> None:
+    memory = {"optimize_memory_usage": optimize, "handle_timeout_termination": not optimize}
+    buffer = numbered(6, n_envs=2, mirror_probability=0.0, goals=(2, 4, 13, 15), goal_share=1.0, **memory)
+    # With the memory saver row 2 is gone, and SB3 cannot tell that the odd ones ran out of time.
+    goals = {4.0, 13.0, 15.0} if optimize else {2.0, 4.0}
+    assert set(buffer.sample(100).rewards[:, 0].tolist()) == goals
+    buffer.goal_share = 0.25
+    n_goals = sum(reward in goals for reward in buffer.sample(400).rewards[:, 0].tolist())
+    assert 100 < n_goals < 400
+    assert not set(buffer.sample_motion(400).observations[:, 0, 0, 0].tolist()) <= goals
+
+
+def test_without_a_goal_yet_the_share_waits() -> None:
+    assert set(numbered(3, goal_share=1.0, mirror_probability=0.0).sample(60).rewards[:, 0].tolist()) == {0.0, 1.0, 2.0}
+
+
+@pytest.mark.parametrize("name", ["goal_share", "mirror_probability"])
+def test_a_share_is_a_number_from_0_to_1(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{name} is 1.5; give a number from 0 to 1$"):
+        numbered(1, **{name: 1.5})
 
 
 @pytest.mark.parametrize("optimize", [False, True])
@@ -141,7 +177,7 @@ def test_the_callback_takes_over_a_models_transitions_and_training_goes_on(algor
     before = model.replay_buffer
     assert isinstance(before, ReplayBuffer)
     n_joints = 2 if algorithm is DQN else 4
-    model.learn(10, callback=MirrorExperience(2, [0], n_joints), reset_num_timesteps=False)
+    model.learn(10, callback=StereoReplay(2, [0], n_joints), reset_num_timesteps=False)
     after = model.replay_buffer
     assert isinstance(after, StereoReplayBuffer) and after.size() >= 20  # DQN collects four at a time
     np.testing.assert_array_equal(after.observations[:10], before.observations[:10])
@@ -152,4 +188,4 @@ def test_what_has_no_mirror_is_explained() -> None:
         StereoReplayBuffer(1, IMAGES, Discrete(82), device="cpu")
     model = PPO("MlpPolicy", "CartPole-v1", n_steps=8, batch_size=8)
     with pytest.raises(ValueError, match=r"^a StereoReplayBuffer replaces a replay buffer, and PPO has none$"):
-        model.learn(8, callback=MirrorExperience())
+        model.learn(8, callback=StereoReplay())

@@ -15,7 +15,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from sb3_stereo.buffers import MirrorExperience, Motion, StereoReplayBuffer
+from sb3_stereo.buffers import Motion, StereoReplay, StereoReplayBuffer
 from sb3_stereo.envs.wrappers import QuantizedActions
 from sb3_stereo.motion import LearnFromMotion, MotionHeads
 from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
@@ -120,7 +120,7 @@ def test_what_is_foreseen_are_offsets_and_their_lengths() -> None:
 def test_it_takes_any_replay_buffer(mirrored: bool) -> None:
     model = ddpg()
     motion = LearnFromMotion(replay_ratio=1, batch_size=4)
-    model.learn(32, callback=CallbackList([MirrorExperience(), motion] if mirrored else [motion]))
+    model.learn(32, callback=CallbackList([StereoReplay(), motion] if mirrored else [motion]))
     assert isinstance(model.replay_buffer, StereoReplayBuffer)
     assert model.replay_buffer.mirror_probability == (0.5 if mirrored else 0.0)
     stored = model.replay_buffer.offsets[: model.replay_buffer.size(), 0, 0, 0]
