@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from sb3_stereo.components import Component, import_class, resolve_classes
 from sb3_stereo.config import Config, algorithm, policy_class
+from sb3_stereo.episodes import ResumableEpisode
 from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,7 +43,13 @@ def wrap(env: gym.Env, env_wrapper: Sequence[Component]) -> gym.Env:
     return env
 
 
-def make_training_env(config: Config, seed: int, monitor_dir: str | None = None, vec_env: str = "dummy") -> VecEnv:
+def _wrap_for_training(env: gym.Env, env_wrapper: Sequence[Component]) -> gym.Env:
+    return ResumableEpisode(wrap(env, env_wrapper))
+
+
+def make_training_env(
+    config: Config, seed: int, monitor_dir: str | None = None, vec_env: str = "dummy", append: bool = False
+) -> VecEnv:
     """Make the training environments as the zoo does: Monitor inside, wrappers around it.
 
     Args:
@@ -50,15 +57,16 @@ def make_training_env(config: Config, seed: int, monitor_dir: str | None = None,
         seed: Seeds the environments `seed`, `seed + 1`, …
         monitor_dir: Where the episodes are recorded; None records nothing.
         vec_env: "dummy" steps them in this process, "subproc" each in its own.
+        append: Go on with the records that are there.
     """
     return make_vec_env(
         make_env(config.env_id, config.env_kwargs, ()),
         n_envs=config.n_envs,
         seed=seed,
         monitor_dir=monitor_dir,
-        wrapper_class=partial(wrap, env_wrapper=config.env_wrapper),
+        wrapper_class=partial(_wrap_for_training, env_wrapper=config.env_wrapper),
         vec_env_cls=VEC_ENVS[vec_env],
-        monitor_kwargs=resolve_lists(config.monitor_kwargs),
+        monitor_kwargs=resolve_lists(config.monitor_kwargs) | ({"override_existing": False} if append else {}),
     )
 
 

@@ -1,7 +1,6 @@
 """Score the agent on the test poses while it learns."""
 
 import csv
-import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo.building import VEC_ENVS
 from sb3_stereo.evaluation import Evaluation, Start, evaluate
+from sb3_stereo.files import replacing
 from sb3_stereo.runs import BEST_MODEL, EVALUATIONS
 
 # Training steps of the paper's Tables 3 and 4.
@@ -96,6 +96,16 @@ class PoseEvalCallback(BaseCallback):
             print(f"{self.num_timesteps} steps: {describe(result)}", flush=True)
         return result
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the coming scores depend on."""
+        return {"best": self.best, **self._elapsed()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`."""
+        self.best = state["best"]
+        self.start_time -= state["seconds"]
+        self.steps = [step for step in self.steps if step > self.num_timesteps]
+
     def _elapsed(self) -> dict[str, float]:
         return {"seconds": round(time.monotonic() - self.start_time, 1)}
 
@@ -110,9 +120,8 @@ class PoseEvalCallback(BaseCallback):
 
 def save_model(model: Any, path: Path) -> None:
     """Save a model so that an interruption leaves the old file or the new one, never half of one."""
-    partial_file = path.with_suffix(".partial.zip")
-    model.save(partial_file)
-    os.replace(partial_file, path)
+    with replacing(path) as partial:
+        model.save(partial)
 
 
 def append_row(path: Path, row: dict[str, Any]) -> None:

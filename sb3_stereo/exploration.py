@@ -76,6 +76,19 @@ class AnnealedOrnsteinUhlenbeckNoise(OrnsteinUhlenbeckActionNoise):
         self.step_count += 1
         return noise
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that the next noise depends on."""
+        generator = None if self._generator is None else self._generator.bit_generator.state
+        return {"noise_prev": self.noise_prev, "step_count": self.step_count, "generator": generator}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`."""
+        self.noise_prev, self.step_count = state["noise_prev"], state["step_count"]
+        self._generator = None
+        if state["generator"] is not None:
+            self._generator = np.random.default_rng()
+            self._generator.bit_generator.state = state["generator"]
+
     def __deepcopy__(self, memo: dict[int, Any]) -> AnnealedOrnsteinUhlenbeckNoise:
         copy = type(self).__new__(type(self))
         copy.__dict__.update(self.__dict__, _generator=None)  # arrays are replaced, never written; the count is common

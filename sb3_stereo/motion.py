@@ -155,6 +155,17 @@ class LearnFromMotion(BaseCallback):
             self.train(self.gradient_steps * self.training_env.num_envs)
         return True
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the policy does not hold."""
+        heads, optimizer = self.learner.heads.state_dict(), self.learner.optimizer.state_dict()
+        return {"n_updates": self.n_updates, "heads": heads, "optimizer": optimizer}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`, once the training has been set up."""
+        self.n_updates = state["n_updates"]
+        self.learner.heads.load_state_dict(state["heads"])
+        self.learner.optimizer.load_state_dict(state["optimizer"])
+
     def train(self, gradient_steps: int) -> None:
         """Take gradient steps on the encoder and the heads."""
         buffer = self.model.replay_buffer  # type: ignore[attr-defined]

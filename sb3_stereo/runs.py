@@ -5,10 +5,13 @@ logs/ddpg/WamStereoReach-v0_1/
     WamStereoReach-v0/config.yml  args.yml  command.txt  versions.yml
 """
 
+import csv
+import os
 import re
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,12 +21,19 @@ import yaml
 from sb3_stereo import __version__
 from sb3_stereo.config import Config, algorithm, check_env_id, parse_config
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.files import replacing
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 BEST_MODEL = "best_model.zip"
 EVALUATIONS = "evaluations.csv"
+ARGUMENTS = "args.yml"
 CHECKPOINT_PREFIX = "rl_model"
 PACKAGES = ("stable-baselines3", "gymnasium", "torch", "numpy", "opencv-python-headless", "pybullet")
 
@@ -35,35 +45,47 @@ def env_name(env_id: str) -> str:
 
 def run_ids(log_folder: Path, algo: str, env_id: str) -> list[int]:
     """Return the numbers of the existing runs, ascending."""
-    pattern = re.compile(re.escape(env_name(env_id)) + r"_(\d+)")
-    names = [path.name for path in (log_folder / algo).glob("*") if path.is_dir()]
-    return sorted(int(match[1]) for match in map(pattern.fullmatch, names) if match)
+    return _numbers(log_folder / algo, env_name(env_id))
 
 
 def create_run(log_folder: str | Path, algo: str, env_id: str) -> Path:
     """Make and return the directory of the next run, even if other processes do the same at the same time."""
-    parent = Path(log_folder) / algo
     try:
-        parent.mkdir(parents=True, exist_ok=True)
-        while True:
-            run = parent / f"{env_name(env_id)}_{max(run_ids(Path(log_folder), algo, env_id), default=0) + 1}"
-            try:
-                run.mkdir()
-            except FileExistsError:  # another process was faster
-                continue
-            (run / env_name(env_id)).mkdir()
-            return run
+        run = make_numbered(Path(log_folder) / algo, env_name(env_id))
+        (run / env_name(env_id)).mkdir()
+        return run
     except OSError as error:
         raise ConfigError(f"cannot write to '{log_folder}' ({error.strerror}); choose a log folder with -f") from error
+
+
+def make_numbered(parent: Path, name: str) -> Path:
+    """Make and return the folder `name_N` with the next free number."""
+    parent.mkdir(parents=True, exist_ok=True)
+    while True:
+        folder = parent / f"{name}_{max(_numbers(parent, name), default=0) + 1}"
+        try:
+            folder.mkdir()
+        except FileExistsError:  # another process was faster
+            continue
+        return folder
+
+
+def _numbers(parent: Path, name: str) -> list[int]:
+    """The numbers N of the folders `name_N`, ascending."""
+    pattern = re.compile(re.escape(name) + r"_(\d+)")
+    matches = (pattern.fullmatch(path.name) for path in parent.glob("*") if path.is_dir())
+    return sorted(int(match[1]) for match in matches if match)
 
 
 def save_records(run: Path, config: Config, args: Mapping[str, Any]) -> None:
     """Write what made the run: resolved configuration, arguments, command and versions."""
     folder = run / env_name(config.env_id)
-    records = {"config.yml": config.plain(), "args.yml": dict(args), "versions.yml": versions()}
-    for name, content in records.items():
-        (folder / name).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     (folder / "command.txt").write_text(shlex.join(sys.orig_argv) + "\n", encoding="utf-8")
+    # The arguments come last: a run that has them has everything.
+    records = {"versions.yml": versions(), "config.yml": config.plain(), ARGUMENTS: dict(args)}
+    for name, content in records.items():
+        with replacing(folder / name) as partial:
+            partial.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
 def versions() -> dict[str, str]:
@@ -100,18 +122,54 @@ def load_record(run: str | Path) -> tuple[Config, dict[str, Any]]:
     Raises:
         ConfigError: If the directory holds no run.
     """
-    files = sorted(Path(run).glob("*/args.yml"))
-    if len(files) != 1:
-        raise ConfigError(f"'{run}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1")
+    file = _arguments_file(run)
     try:
-        args = yaml.safe_load(files[0].read_text(encoding="utf-8"))
-        config = yaml.safe_load((files[0].parent / "config.yml").read_text(encoding="utf-8"))
+        args = yaml.safe_load(file.read_text(encoding="utf-8"))
+        config = yaml.safe_load((file.parent / "config.yml").read_text(encoding="utf-8"))
         algo, env_id = args["algo"], args["env"]
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise ConfigError(f"'{files[0].parent}' is not of a run that train.py made ({type(error).__name__})") from error
+        raise ConfigError(f"'{file.parent}' is not of a run that train.py made ({type(error).__name__})") from error
     import_packages(args.get("gym_packages") or ())
     check_env_id(env_id)
     return parse_config(algo, env_id, config), args
+
+
+def _arguments_file(run: str | Path) -> Path:
+    files = sorted(Path(run).glob(f"*/{ARGUMENTS}"))
+    if len(files) != 1:
+        raise ConfigError(f"'{run}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1")
+    return files[0]
+
+
+@contextmanager
+def locked(run: str | Path) -> Iterator[None]:
+    """Hold a run for this process; the system lets go of it when the process ends, however that happens.
+
+    Raises:
+        ConfigError: If another process holds it.
+    """
+    with _arguments_file(run).open("rb+") as file:
+        if fcntl is not None:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise ConfigError(f"another process trains '{run}' now; wait for it, or stop it first") from error
+        yield
+
+
+def has_ended(run: str | Path, config: Config) -> bool:
+    """Return whether a run was trained to its end, scored and saved."""
+    evaluations = Path(run) / EVALUATIONS
+    if not evaluations.is_file() or not (Path(run) / f"{env_name(config.env_id)}.zip").is_file():
+        return False
+    with evaluations.open(newline="", encoding="utf-8") as file:
+        steps = [row["timesteps"] for row in csv.DictReader(file)]
+    return bool(steps) and int(steps[-1]) >= config.n_timesteps
+
+
+def how_to_resume(run: Path) -> str:
+    """Return the way out of an interruption, as a clause."""
+    return f"go on with: python train.py --resume {os.path.relpath(run)}"
 
 
 def import_packages(names: Any) -> None:

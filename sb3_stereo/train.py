@@ -5,6 +5,7 @@ import os
 import random
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sb3_stereo import runtime
@@ -42,7 +43,10 @@ def make_parser() -> argparse.ArgumentParser:
         default=-1,
         help="environments per score, in processes (default: free cores, up to 4)",
     )
-    parser.add_argument("--save-freq", type=int, default=-1, help="steps between checkpoints (default: none)")
+    parser.add_argument(
+        "--save-freq", type=int, default=1000, help="steps between checkpoints (default: 1000; -1: none)"
+    )
+    parser.add_argument("--resume", metavar="RUN", help="go on with a run that was killed, with its own settings")
     parser.add_argument("-tb", "--tensorboard-log", help="TensorBoard folder (default: none)")
     parser.add_argument("-P", "--progress", action="store_true", help="draw the progress bar even without a terminal")
     add_process_flags(parser)
@@ -52,6 +56,8 @@ def make_parser() -> argparse.ArgumentParser:
 def train_command(args: argparse.Namespace) -> int:
     """Read the configuration, train, and say how it went."""
     runtime.tune_allocator()
+    if args.resume:
+        return resume_command(args)
     from sb3_stereo.config import load_config
     from sb3_stereo.runs import import_packages
     from sb3_stereo.training import Options, train
@@ -83,6 +89,23 @@ def train_command(args: argparse.Namespace) -> int:
     return INTERRUPTED if result.interrupted else 0
 
 
+def resume_command(args: argparse.Namespace) -> int:
+    """Go on with a run and say how it went."""
+    from sb3_stereo.errors import ConfigError
+    from sb3_stereo.runs import load_record
+    from sb3_stereo.training import resume
+
+    given = [name for name, value in vars(make_parser().parse_args([])).items() if getattr(args, name) != value]
+    for name in set(given) - {"resume", "verbose"}:
+        raise ConfigError(f"--resume takes the run's own settings, got '{name}' too; leave it out")
+    run = Path(args.resume)
+    runtime.set_threads(load_record(run)[1].get("num_threads", -1))
+    start = time.monotonic()
+    result = resume(run, args.verbose)
+    print(last_line(result, time.monotonic() - start))
+    return INTERRUPTED if result.interrupted else 0
+
+
 def check_flags(args: argparse.Namespace) -> None:
     """Raise a ConfigError for a flag whose value or extra is missing."""
     from importlib.util import find_spec
@@ -101,13 +124,13 @@ def check_flags(args: argparse.Namespace) -> None:
 def last_line(result: "Result", seconds: float) -> str:
     """Return what a person wants to know at the end."""
     from sb3_stereo.eval_callback import describe
+    from sb3_stereo.runs import how_to_resume
 
     took = f"{seconds / 60:.0f} min" if seconds >= 120 else f"{seconds:.0f} s"
     run = f"run: {os.path.relpath(result.run)}"
     if result.interrupted:
-        return (
-            f"Interrupted by {result.interrupted} after {result.n_timesteps} steps in {took}; the model is saved; {run}"
-        )
+        after = f"after {result.n_timesteps} steps in {took}"
+        return f"Interrupted by {result.interrupted} {after}; the model is saved; {how_to_resume(result.run)}"
     assert result.evaluation is not None  # every training that ends is scored
     return f"Done: {result.n_timesteps} steps in {took}; {describe(result.evaluation)}; {run}"
 

@@ -1,27 +1,45 @@
 """Train an agent into a run directory."""
 
+import errno
 import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import configure as configure_logger
 
 from sb3_stereo.building import make_callbacks, make_env, make_model, make_training_env
+from sb3_stereo.checkpoints import Checkpoint, newest
+from sb3_stereo.checkpoints import remove as remove_checkpoints
 from sb3_stereo.config import Config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.eval_callback import PoseEvalCallback, checkpoints, save_model
 from sb3_stereo.evaluation import Evaluation, test_starts
+from sb3_stereo.files import cut_back
 from sb3_stereo.progress import Progress
-from sb3_stereo.runs import CHECKPOINT_PREFIX, create_run, env_name, save_records
+from sb3_stereo.runs import (
+    EVALUATIONS,
+    create_run,
+    env_name,
+    has_ended,
+    how_to_resume,
+    load_record,
+    locked,
+    make_numbered,
+    save_records,
+)
+from sb3_stereo.state import State
 
 if TYPE_CHECKING:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 @dataclass(frozen=True)
@@ -74,46 +92,98 @@ class Result:
 def train(config: Config, options: Options, record: Mapping[str, Any] | None = None) -> Result:
     """Train, score and save an agent.
 
-    SIGINT and SIGTERM end the training early; the model is saved all the same.
+    SIGINT and SIGTERM end the training early; the model is saved all the same, and `resume` goes on from the last
+    checkpoint.
 
     Args:
         config: What to learn, and how.
         options: How to run it.
-        record: The command's arguments, for the run's `args.yml`.
+        record: Further arguments of the command, for the run's `args.yml`.
 
     Raises:
-        ConfigError: If the environment or the model refuses its arguments.
+        ConfigError: If the environment or the model refuses its arguments, or the disk is full.
     """
     run = create_run(options.log_folder, config.algo, config.env_id)
-    save_records(run, config, {"algo": config.algo, "env": config.env_id, "seed": options.seed} | dict(record or {}))
+    tensorboard = _tensorboard_folder(options, config)
+    args = {**(record or {}), "algo": config.algo, "env": config.env_id, **asdict(options), "tensorboard": tensorboard}
+    save_records(run, config, args)
+    with locked(run):
+        return _train_in(run, config, options, tensorboard)
+
+
+def resume(run: Path, verbose: int = 1) -> Result:
+    """Go on with a training that was killed or interrupted, with its own settings, from its last checkpoint.
+
+    With the same seed, on a CPU with one thread, it ends as it would have without the interruption, bit for bit.
+
+    Args:
+        run: The run directory.
+        verbose: As in `Options`.
+
+    Raises:
+        ConfigError: If there is no such run, it has ended, or another process trains it.
+    """
+    config, args = load_record(run)
+    if has_ended(run, config):
+        raise ConfigError(f"'{run}' has ended after {config.n_timesteps} steps; there is nothing to go on with")
+    names = {field.name for field in fields(Options)}
+    options = replace(Options(**{name: args[name] for name in names & args.keys()}), verbose=verbose)
+    with locked(run):
+        state = newest(run)
+        cut_back(_logs(run, args.get("tensorboard")), state["logs"] if state else {})
+        for leftover in run.glob("*.partial*"):
+            leftover.unlink()
+        return _train_in(run, config, options, args.get("tensorboard"), state)
+
+
+def _train_in(
+    run: Path, config: Config, options: Options, tensorboard: str | None, state: State | None = None
+) -> Result:
+    """Train in a run directory, from a checkpoint's state if there is one."""
     with _refusals_are_errors():
-        env = make_training_env(config, options.seed, str(run), options.vec_env)
+        env = make_training_env(config, options.seed, str(run), options.vec_env, append=state is not None)
     try:
         with _refusals_are_errors():
-            model = make_model(
-                config,
-                env,
-                options.seed,
-                options.device,
-                _tensorboard_log(options, config),
-                max(0, options.verbose - 1),
-            )
-        if not options.tensorboard_log and options.verbose < 2:
-            model.set_logger(Logger(str(run), []))  # SB3's own silent logger leaves a folder in /tmp
+            model = make_model(config, env, options.seed, options.device, verbose=max(0, options.verbose - 1))
+        model.set_logger(_logger(run, tensorboard, options.verbose))
         scoring = make_scoring(config, options, run)
-        callbacks = [*make_callbacks(config), *_own_callbacks(config, options, run), scoring]
+        callbacks = [*make_callbacks(config), *_own_callbacks(options), scoring]
+        checkpoint = Checkpoint(run, options.save_freq, callbacks, lambda: _logs(run, tensorboard), state)
         with signals_interrupt():
-            interrupted = _learn(model, config, callbacks)
+            interrupted = _learn(model, config, [*callbacks, checkpoint])
         with signals_ignored():
             save_model(model, run / f"{env_name(config.env_id)}.zip")
+            if not interrupted:
+                remove_checkpoints(run)
+    except OSError as error:
+        if error.errno in DISK_FULL:
+            way_out = f"make room, then {how_to_resume(run)}"
+            raise ConfigError(f"cannot write to '{run}' ({error.strerror}); {way_out}") from error
+        raise
     finally:
         with suppress(EOFError, BrokenPipeError):  # a worker that the signal reached first
             env.close()
     return Result(run, model.num_timesteps, scoring.last, interrupted)
 
 
-def _tensorboard_log(options: Options, config: Config) -> str | None:
-    return str(Path(options.tensorboard_log) / env_name(config.env_id)) if options.tensorboard_log else None
+def _tensorboard_folder(options: Options, config: Config) -> str | None:
+    """Make and return the folder of a new run, numbered as SB3 does."""
+    if not options.tensorboard_log:
+        return None
+    parent = Path(options.tensorboard_log) / env_name(config.env_id)
+    return str(make_numbered(parent, config.algo.upper()).absolute())
+
+
+def _logger(run: Path, tensorboard: str | None, verbose: int) -> Logger:
+    """SB3's logger; its own silent one would leave a folder in /tmp, and its own numbers a new folder per resume."""
+    formats = [*(["stdout"] if verbose > 1 else []), *(["tensorboard"] if tensorboard else [])]
+    return configure_logger(tensorboard or str(run), formats) if formats else Logger(str(run), [])
+
+
+def _logs(run: Path, tensorboard: str | None) -> list[Path]:
+    """The files that grow with the training."""
+    events = Path(tensorboard).glob("events.*") if tensorboard else ()
+    return [*run.glob("*monitor.csv"), *run.glob(EVALUATIONS), *events]
 
 
 def make_scoring(config: Config, options: Options, run: Path) -> PoseEvalCallback:
@@ -129,14 +199,8 @@ def make_scoring(config: Config, options: Options, run: Path) -> PoseEvalCallbac
     )
 
 
-def _own_callbacks(config: Config, options: Options, run: Path) -> list[BaseCallback]:
-    callbacks: list[BaseCallback] = []
-    if options.verbose:
-        callbacks.append(Progress(options.progress))
-    if options.save_freq > 0:
-        calls = max(options.save_freq // config.n_envs, 1)  # SB3 counts calls, each of n_envs steps
-        callbacks.append(CheckpointCallback(calls, str(run), name_prefix=CHECKPOINT_PREFIX))
-    return callbacks
+def _own_callbacks(options: Options) -> list[BaseCallback]:
+    return [Progress(options.progress)] if options.verbose else []
 
 
 def _learn(model: "OffPolicyAlgorithm", config: Config, callbacks: list[BaseCallback]) -> str | None:
