@@ -14,8 +14,8 @@ import torch as th
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.eval_callback import save_model
 from sb3_stereo.files import publish, sha256, sizes
+from sb3_stereo.models import save_model
 from sb3_stereo.runs import CHECKPOINT_PREFIX, how_to_resume
 from sb3_stereo.state import State, capture, restore
 

@@ -41,6 +41,7 @@ def add_model_flags(parser: argparse.ArgumentParser) -> None:
     choice = parser.add_mutually_exclusive_group()
     choice.add_argument("--load-best", action="store_true", help="take best_model.zip instead of the final model")
     choice.add_argument("--load-checkpoint", type=int, metavar="N", help="take rl_model_N_steps.zip")
+    parser.add_argument("--trust", action="store_true", help="load a model from elsewhere, with the code it may hold")
 
 
 def check_device(device: str) -> None:

@@ -68,7 +68,8 @@ def enjoy_command(args: argparse.Namespace) -> int:
     runtime.tune_allocator()
     from sb3_stereo.building import make_env
     from sb3_stereo.config import check_env_id
-    from sb3_stereo.runs import find_run, import_packages, load_model, load_record, model_path
+    from sb3_stereo.models import load_model
+    from sb3_stereo.runs import find_run, import_packages, load_record, model_path
     from sb3_stereo.values import parse_assignments
 
     render = not args.no_render
@@ -82,7 +83,7 @@ def enjoy_command(args: argparse.Namespace) -> int:
     path = model_path(run, args.env, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
     print(f"Loading {path}")
-    model = load_model(config.algo, path, args.device)
+    model = load_model(config, path, args.device, args.trust)
     window = {"render_mode": "human"} if render else {}
     env_kwargs = {**config.env_kwargs, **parse_assignments(args.env_kwargs), **window}
     env = make_env(config.env_id, env_kwargs, config.env_wrapper)()

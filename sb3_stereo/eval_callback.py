@@ -10,7 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo.building import VEC_ENVS
 from sb3_stereo.evaluation import Evaluation, Start, evaluate
-from sb3_stereo.files import replacing
+from sb3_stereo.models import save_model
 from sb3_stereo.runs import BEST_MODEL, EVALUATIONS
 
 # Training steps of the paper's Tables 3 and 4.
@@ -116,12 +116,6 @@ class PoseEvalCallback(BaseCallback):
             return
         self.best = quality
         save_model(self.model, self.run_dir / BEST_MODEL)
-
-
-def save_model(model: Any, path: Path) -> None:
-    """Save a model so that an interruption leaves the old file or the new one, never half of one."""
-    with replacing(path) as partial:
-        model.save(partial)
 
 
 def append_row(path: Path, row: dict[str, Any]) -> None:

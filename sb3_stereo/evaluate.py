@@ -32,7 +32,8 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.building import VEC_ENVS, make_env
     from sb3_stereo.eval_callback import describe
     from sb3_stereo.evaluation import evaluate, random_starts, test_starts
-    from sb3_stereo.runs import import_packages, load_model, load_record, model_path
+    from sb3_stereo.models import load_model
+    from sb3_stereo.runs import import_packages, load_record, model_path
 
     if args.poses < 0 or args.seed < 0:
         raise ConfigError(f"--poses and --seed must not be negative, got {args.poses} and {args.seed}")
@@ -44,7 +45,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id)
     n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
     result = evaluate(
-        load_model(config.algo, path, args.device),
+        load_model(config, path, args.device, args.trust),
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
         starts,
         n_envs,

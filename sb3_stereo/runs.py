@@ -14,12 +14,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from sb3_stereo import __version__
-from sb3_stereo.config import Config, algorithm, check_env_id, parse_config
+from sb3_stereo.config import Config, check_env_id, parse_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.files import replacing
 
@@ -27,9 +27,6 @@ try:
     import fcntl
 except ImportError:  # not on Windows
     fcntl = None  # type: ignore[assignment]
-
-if TYPE_CHECKING:
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 BEST_MODEL = "best_model.zip"
 EVALUATIONS = "evaluations.csv"
@@ -204,8 +201,3 @@ def model_path(run: str | Path, env_id: str, best: bool = False, checkpoint: int
             " (choose with --load-best or --load-checkpoint)"
         )
     return run / name
-
-
-def load_model(algo: str, path: Path, device: str = "auto") -> "OffPolicyAlgorithm":
-    """Load a saved model for acting; its replay buffer is the smallest one."""
-    return algorithm(algo).load(path, device=device, buffer_size=1)

@@ -20,6 +20,8 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(prog="train.py", description="Train an agent and score it on the test poses.")
     add_run_flags(parser)
     parser.add_argument("-n", "--n-timesteps", type=int, default=-1, help="environment steps (default: the YAML's)")
+    parser.add_argument("-i", "--trained-agent", metavar="ZIP", help="begin with the networks of this model")
+    parser.add_argument("--trust", action="store_true", help="begin with networks that no run of ours has saved, too")
     parser.add_argument("--seed", type=int, default=-1, help="seed of everything random (default: a new one, printed)")
     parser.add_argument("-conf", "--conf-file", help="YAML with hyper-parameters (default: ours for the algorithm)")
     parser.add_argument(
@@ -80,6 +82,8 @@ def train_command(args: argparse.Namespace) -> int:
         tensorboard_log=args.tensorboard_log,
         device=args.device,
         vec_env=args.vec_env,
+        trained_agent=args.trained_agent,
+        trust=args.trust,
         progress=args.progress or None,
         verbose=args.verbose,
     )

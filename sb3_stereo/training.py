@@ -1,6 +1,7 @@
 """Train an agent into a run directory."""
 
 import errno
+import shutil
 import signal
 import threading
 from collections.abc import Iterator, Mapping
@@ -19,9 +20,10 @@ from sb3_stereo.checkpoints import Checkpoint, newest
 from sb3_stereo.checkpoints import remove as remove_checkpoints
 from sb3_stereo.config import Config
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.eval_callback import PoseEvalCallback, checkpoints, save_model
+from sb3_stereo.eval_callback import PoseEvalCallback, checkpoints
 from sb3_stereo.evaluation import Evaluation, test_starts
 from sb3_stereo.files import cut_back
+from sb3_stereo.models import load_weights, save_model
 from sb3_stereo.progress import Progress
 from sb3_stereo.runs import (
     EVALUATIONS,
@@ -42,6 +44,10 @@ if TYPE_CHECKING:
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
+class Refused(ConfigError):
+    """A training that did not begin."""
+
+
 @dataclass(frozen=True)
 class Options:
     """How to run a training; none of these changes what is learnt, except the seed.
@@ -56,6 +62,8 @@ class Options:
         tensorboard_log: Folder for TensorBoard; None writes nothing.
         device: PyTorch device.
         vec_env: "dummy" or "subproc".
+        trained_agent: A saved model whose networks and optimizers to begin with.
+        trust: Begin with a model that has no checksum, too.
         progress: True draws a bar, False prints lines, None decides by the terminal.
         verbose: 0 is silent, 1 shows progress and scores, 2 also SB3's tables.
     """
@@ -68,6 +76,8 @@ class Options:
     tensorboard_log: str | None = None
     device: str = "auto"
     vec_env: str = "dummy"
+    trained_agent: str | None = None
+    trust: bool = False
     progress: bool | None = None
     verbose: int = 1
 
@@ -108,7 +118,11 @@ def train(config: Config, options: Options, record: Mapping[str, Any] | None = N
     args = {**(record or {}), "algo": config.algo, "env": config.env_id, **asdict(options), "tensorboard": tensorboard}
     save_records(run, config, args)
     with locked(run):
-        return _train_in(run, config, options, tensorboard)
+        try:
+            return _train_in(run, config, options, tensorboard)
+        except Refused:
+            shutil.rmtree(run)  # it has nothing in it yet
+            raise
 
 
 def resume(run: Path, verbose: int = 1) -> Result:
@@ -145,6 +159,9 @@ def _train_in(
     try:
         with _refusals_are_errors():
             model = make_model(config, env, options.seed, options.device, verbose=max(0, options.verbose - 1))
+        if options.trained_agent:
+            with _refusals_are_errors():
+                load_weights(model, Path(options.trained_agent), options.trust)
         model.set_logger(_logger(run, tensorboard, options.verbose))
         scoring = make_scoring(config, options, run)
         callbacks = [*make_callbacks(config), *_own_callbacks(options), scoring]
@@ -212,7 +229,7 @@ def _learn(model: "OffPolicyAlgorithm", config: Config, callbacks: list[BaseCall
     except ValueError as error:
         if model.num_timesteps > 0:
             raise
-        raise ConfigError(str(error)) from error  # a callback that does not go with this model
+        raise Refused(str(error)) from error  # a callback that does not go with this model
     finally:
         for callback in callbacks:
             if isinstance(callback, Progress):
@@ -225,8 +242,8 @@ def _refusals_are_errors() -> Iterator[None]:
     """Turn the ValueErrors of constructors, which say what is allowed, into the user's error."""
     try:
         yield
-    except ValueError as error:
-        raise ConfigError(str(error)) from error
+    except (ValueError, ConfigError) as error:
+        raise Refused(str(error)) from error
 
 
 @contextmanager

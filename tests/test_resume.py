@@ -15,7 +15,8 @@ from sb3_stereo import train as train_cli
 from sb3_stereo.config import Config, load_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation import random_starts
-from sb3_stereo.runs import locked
+from sb3_stereo.models import load_model
+from sb3_stereo.runs import load_record, locked, model_path
 from sb3_stereo.training import Options, Result, resume, train
 
 N_TIMESTEPS = 60
@@ -71,10 +72,7 @@ def killed_and_resumed(logs: Path, config: Config, options: Options, at: list[in
 
 
 def weights(run: Path) -> dict[str, Any]:
-    from sb3_stereo.runs import load_model, load_record, model_path
-
-    algo = load_record(run)[0].algo
-    return load_model(algo, model_path(run, fake_reach.ENV_ID), "cpu").get_parameters()
+    return load_model(load_record(run)[0], model_path(run, fake_reach.ENV_ID), "cpu").get_parameters()
 
 
 def assert_same(one: Any, other: Any) -> None:

@@ -47,6 +47,7 @@ def test_train_then_evaluate_then_enjoy(algo: str, logs: Path, capsys: pytest.Ca
         "0.monitor.csv",
         "FakeReach-v0",
         "FakeReach-v0.zip",
+        "SHA256SUMS",
         "best_model.zip",
         "evaluations.csv",
         "rl_model_20_steps.zip",
@@ -140,6 +141,7 @@ ERRORS = [
         ["--gym-packages", "nowhere"],
         "cannot import the package 'nowhere' (No module named 'nowhere'); check --gym-packages",
     ),
+    (["-i", "no.zip"], "no model 'no.zip'; give the zip file of one, such as the best_model.zip of a run"),
     (["--seed", "4294967296"], "--seed must be below 4294967296, got 4294967296"),
     (["--env-kwargs", "tolerance:-1"], "tolerance must be positive, got -1"),
     (
@@ -166,6 +168,7 @@ def test_wrong_input_is_one_sentence_and_status_2(
 ) -> None:
     assert train_cli.main([*ENV, "-f", str(logs), "-n", "20", "--verbose", "0", *arguments]) == 2
     assert capsys.readouterr().err == f"error: {message}\n"
+    assert not list(logs.glob("*/*")), "a training that did not begin leaves no run"
 
 
 def test_an_unknown_device_is_named(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
