@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.errors import ConfigError, one_line
 
 DEFAULT_ENV = "WamStereoReach-v0"
 INTERRUPTED = 130  # 128 + SIGINT, the shell's convention
@@ -16,7 +16,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message and leave with status 2."""
-        self.exit(2, f"error: {message} (see --help)\n")
+        self.exit(2, f"error: {one_line(message)} (see --help)\n")
 
 
 def add_process_flags(parser: argparse.ArgumentParser) -> None:

@@ -3,9 +3,25 @@
 import difflib
 from collections.abc import Iterable
 
+MAX_LENGTH = 2000  # of a sentence, in characters
+
 
 class ConfigError(ValueError):
-    """Wrong input: the value, what is allowed and the way out, in one sentence."""
+    """Wrong input: the value, what is allowed and the way out, in one sentence.
+
+    What it quotes may come from anywhere, see `one_line`.
+    """
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(one_line(sentence))
+
+
+def one_line(sentence: str) -> str:
+    """Return a sentence for a terminal: control characters written out, the middle of a very long one left out."""
+    plain = "".join(char if char.isprintable() else repr(char)[1:-1] for char in sentence)
+    if len(plain) <= MAX_LENGTH:
+        return plain
+    return f"{plain[: MAX_LENGTH // 2]} … {plain[-MAX_LENGTH // 2 :]}"
 
 
 def unknown(what: str, name: object, allowed: Iterable[str]) -> ConfigError:
