@@ -22,8 +22,8 @@ def composite(frames: Sequence[Frame]) -> Frame:
     Returns:
         Image of shape (1, 42 * n_views, 84), uint8.
     """
-    image = np.empty((1, HEIGHT * len(frames), WIDTH), np.uint8)
+    small = np.empty((HEIGHT * len(frames), WIDTH, frames[0].shape[2]), np.uint8)
     for view, frame in enumerate(frames):
-        small = cv2.resize(frame, (WIDTH, HEIGHT))[:, :, :3]
-        image[0, view * HEIGHT : (view + 1) * HEIGHT] = cv2.cvtColor(small, cv2.COLOR_RGB2YUV)[:, :, 0]
-    return image
+        cv2.resize(frame, (WIDTH, HEIGHT), dst=small[view * HEIGHT : (view + 1) * HEIGHT])
+    rgb = cv2.cvtColor(small, cv2.COLOR_RGBA2RGB) if small.shape[2] == 4 else small
+    return np.asarray(cv2.extractChannel(cv2.cvtColor(rgb, cv2.COLOR_RGB2YUV), 0), np.uint8)[None]

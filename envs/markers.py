@@ -1,6 +1,6 @@
 """Red and blue blobs in a frame: the markers of the end effector and the target (section 3.3)."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -12,6 +12,9 @@ Centroid = NDArray[np.float64]
 BRIGHT = 128  # a marker's own channel is at least this, however it is lit
 DIM = 70  # and its other two are at most this; every grey misses one of the two
 MIN_PIXELS = 4  # fewer are no blob: an occluded marker's rim gives a useless centroid
+
+# The highest bit of green in an RGBA pixel read as one number: 0 wherever green is dim, seldom elsewhere.
+GREEN_BIT = np.array([0, 128, 0, 0], np.uint8).view(np.uint32)[0]
 
 
 class Blobs(NamedTuple):
@@ -32,19 +35,33 @@ def find_blobs(frame: Frame) -> Blobs:
     Args:
         frame: RGB or RGBA image, shape (height, width, 3 or 4), uint8.
     """
-    red, green, blue = cv2.split(frame)[:3]
-    dim_green = green <= DIM
+    rgba = frame if frame.shape[2] == 4 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2RGBA), np.uint8)
+    top, left, part = _where_green_may_be_dim(rgba)
     return Blobs(
-        end_effector=_centroid((red >= BRIGHT) & dim_green & (blue <= DIM)),
-        target=_centroid((blue >= BRIGHT) & dim_green & (red <= DIM)),
+        end_effector=_centroid(cv2.inRange(part, (BRIGHT, 0, 0, 0), (255, DIM, DIM, 255)), left, top),
+        target=_centroid(cv2.inRange(part, (0, 0, BRIGHT, 0), (DIM, DIM, 255, 255)), left, top),
     )
 
 
-def _centroid(mask: NDArray[np.bool_]) -> Centroid:
+def _where_green_may_be_dim(frame: Frame) -> tuple[int, int, Frame]:
+    """Top, left and content of the part of an RGBA image outside of which every green is bright.
+
+    One pass over the whole image finds it; all others then see a small part of the pixels.
+    """
+    pixels = np.ascontiguousarray(frame).view(np.uint32)[:, :, 0]
+    rows = np.flatnonzero(~np.bitwise_and.reduce(pixels, axis=1) & GREEN_BIT)
+    if not rows.size:
+        return 0, 0, frame[:1, :1]
+    top, bottom = rows[0], rows[-1] + 1
+    columns = np.flatnonzero(~np.bitwise_and.reduce(pixels[top:bottom], axis=0) & GREEN_BIT)
+    left, right = columns[0], columns[-1] + 1
+    return int(top), int(left), frame[top:bottom, left:right]
+
+
+def _centroid(mask: NDArray[Any], left: int, top: int) -> Centroid:
     """Mean pixel of `mask`, shape (2,), from moments inside its bounding box only: the mask is nearly empty."""
-    pixels = mask.view(np.uint8)
-    x, y, width, height = cv2.boundingRect(pixels)
-    moments = cv2.moments(np.ascontiguousarray(pixels[y : y + height, x : x + width]), binaryImage=True)
+    x, y, width, height = cv2.boundingRect(mask)
+    moments = cv2.moments(np.ascontiguousarray(mask[y : y + height, x : x + width]), binaryImage=True)
     if moments["m00"] < MIN_PIXELS:
         return np.full(2, np.nan)
-    return np.array([x + moments["m10"] / moments["m00"], y + moments["m01"] / moments["m00"]])
+    return np.array([left + x + moments["m10"] / moments["m00"], top + y + moments["m01"] / moments["m00"]])

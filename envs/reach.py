@@ -141,7 +141,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
             self._place_arm_as_told(_vector("joint_positions", options["joint_positions"], len(self.arm.limits)))
         else:
             self._place_arm_at_random()
-        return composite.composite(self._frames), self._info()
+        return composite.composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
 
     def step(self, action: ArrayLike) -> tuple[Image, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
@@ -161,7 +161,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         current = self._distances
         goal = rewards.is_goal(current, self.rho)
         changes = rewards.distance_change(previous, current, self.distance_scale)
-        return composite.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info()
+        return composite.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
 
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
@@ -188,7 +188,8 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         """Go back to a saved state, exactly; it may be restored any number of times."""
         self._client.restoreState(state.bullet_id)
         self._target_position = state.target_position
-        self._frames, self._offsets = state.frames, state.offsets
+        self._frames = state.frames
+        self._set_offsets(state.offsets)
         self._end_effector_position = state.end_effector_position
 
     def remove_state(self, state: SavedState) -> None:
@@ -249,18 +250,19 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self._end_effector_position = self.arm.end_effector_position
         for ball, position in zip(self.markers, (self._end_effector_position, self._target_position), strict=True):
             self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
-        self._frames = tuple(camera.frame() for camera in self.cameras)
-        self._offsets = np.stack([find_blobs(frame).offset for frame in self._frames])
+        # Each frame is measured while the processor's cache still holds it.
+        views = [(frame, find_blobs(frame).offset) for frame in map(Camera.frame, self.cameras)]
+        self._frames = tuple(frame for frame, _ in views)
+        self._set_offsets(np.array([offset for _, offset in views]))
 
-    @property
-    def _distances(self) -> Floats:
-        """d(t) of Eq. 2 per view, in [px]."""
-        return np.asarray(np.hypot(*self._offsets.T))
+    def _set_offsets(self, offsets: Floats) -> None:
+        """Remember the offsets, shape (n_views, 2) in [px], and their lengths, d(t) of Eq. 2."""
+        self._offsets, self._distances = offsets, np.hypot(offsets[:, 0], offsets[:, 1])
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self, goal: bool) -> dict[str, Any]:
         return {
-            "is_success": rewards.is_goal(self._distances, self.rho),
-            "pixel_distances": self._distances,
+            "is_success": goal,
+            "pixel_distances": self._distances.copy(),
             "pixel_offsets": self._offsets.copy(),
             "joint_positions": self.arm.joint_positions,
             "end_effector_position": self._end_effector_position,

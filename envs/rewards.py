@@ -3,6 +3,8 @@
 A distance is `nan` where it is undefined: a view in which the end effector or the target is hidden.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ def distance_change(previous: Floats, current: Floats, scale: float) -> Floats:
     Returns:
         Changes, shape (..., n_views), nan where either distance is.
     """
-    return np.clip((previous - current) / scale, -1.0, 1.0)
+    return np.minimum(np.maximum((previous - current) / scale, -1.0), 1.0)  # np.clip takes twice as long
 
 
 def is_goal(distances: Floats, rho: float) -> bool:
@@ -33,7 +35,7 @@ def is_goal(distances: Floats, rho: float) -> bool:
         distances: d(t) per view, shape (n_views,), in [px]. One undefined distance is enough for no goal.
         rho: Threshold in [px].
     """
-    return bool(np.mean(distances) <= rho)
+    return bool(distances.sum() / distances.size <= rho)
 
 
 def reward(changes: Floats, goal: bool) -> float:
@@ -51,7 +53,7 @@ def reward(changes: Floats, goal: bool) -> float:
     """
     if goal:
         return 1.0
-    if np.all(changes == 0.0):
+    if not np.any(changes):  # nan is not zero
         return -1.0
-    defined = changes[~np.isnan(changes)]
-    return float(defined.mean()) if defined.size else 0.0
+    defined = [change for change in changes.tolist() if not math.isnan(change)]
+    return sum(defined) / len(defined) if defined else 0.0

@@ -28,6 +28,11 @@ class Client(BulletClient):  # type: ignore[misc]
         self._pid = os.getpid()
         self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
 
+    @property
+    def number(self) -> int:
+        """What PyBullet's own functions take as `physicsClientId`."""
+        return self._client
+
     def close(self) -> None:
         """Disconnect; a second call does nothing."""
         if self._client >= 0:

@@ -57,6 +57,45 @@ def test_a_marker_of_too_few_pixels_is_undefined() -> None:
     assert np.isfinite(find_blobs(frame).offset).all()
 
 
+def plain_centroid(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """The mean pixel from the moments of the blob's bounding box, in plain OpenCV."""
+    pixels = mask.astype(np.uint8)
+    x, y, width, height = cv2.boundingRect(pixels)
+    moments = cv2.moments(pixels[y : y + height, x : x + width].copy(), binaryImage=True)
+    if moments["m00"] < MIN_PIXELS:
+        return np.full(2, np.nan)
+    return np.array([x + moments["m10"] / moments["m00"], y + moments["m01"] / moments["m00"]])
+
+
+def random_scene(rng: np.random.Generator, channels: int) -> Image:
+    """Rectangles of any colour, many near the thresholds, on white, noise or nothing but themselves."""
+    frame = np.full((240, 320, channels), 255, np.uint8)
+    if rng.random() < 0.1:
+        frame = rng.integers(0, 256, frame.shape, dtype=np.uint8)
+    for _ in range(rng.integers(0, 12)):
+        x, y, width, height = rng.integers((0, 0, 1, 1), (320, 240, 60, 60))
+        frame[y : y + height, x : x + width] = rng.choice([0, 69, 70, 71, 127, 128, 129, 255], channels)
+    return frame
+
+
+@pytest.mark.parametrize("channels", [3, 4])
+def test_blobs_are_plain_opencv_to_the_bit_on_random_frames(channels: int) -> None:
+    rng = np.random.default_rng(0)
+    n_seen = 0
+    for _ in range(400):
+        frame = random_scene(rng, channels)
+        red, green, blue = (frame[:, :, channel] for channel in range(3))
+        dim_green = green <= 70
+        blobs = find_blobs(frame)
+        expected = (
+            plain_centroid((red >= 128) & dim_green & (blue <= 70)),
+            plain_centroid((blue >= 128) & dim_green & (red <= 70)),
+        )
+        np.testing.assert_array_equal(blobs, expected)
+        n_seen += int(np.isfinite(expected).all(axis=1).sum())
+    assert 100 < n_seen < 800  # blobs and hidden ones
+
+
 def test_no_grey_is_a_marker() -> None:
     greys = np.repeat(np.arange(256, dtype=np.uint8), 3).reshape(16, 16, 3)
     blobs = find_blobs(greys)
