@@ -134,19 +134,19 @@ class StereoReplayBuffer(ReplayBuffer):
             self._terminal(at)[:, None],
             self._normalize_reward(self.rewards[at][:, None], env),
         )
-        samples = ReplayBufferSamples(*map(self.to_torch, data))
+        samples = ReplayBufferSamples(*(self.to_torch(array, copy=False) for array in data))  # they are copies
         self._mirror_some(samples[:3], (self.mirror, self.mirror_actions, self.mirror))
         return samples
 
     def sample_motion(self, batch_size: int) -> Motion:
         """Sample transitions, mirrored like those of `sample`, without rewards."""
         at = self._draw(batch_size)
-        actions = self.to_torch(self.actions[at])
+        actions = self.to_torch(self.actions[at], copy=False)
         motion = Motion(
-            self.to_torch(self.observations[at]),
+            self.to_torch(self.observations[at], copy=False),
             self._efforts.to(self.device)[actions[:, 0].long()] if isinstance(self.action_space, Discrete) else actions,
-            self.to_torch(self._next_images(at)),
-            self.to_torch(self.offsets[at]),
+            self.to_torch(self._next_images(at), copy=False),
+            self.to_torch(self.offsets[at], copy=False),
         )
         self._mirror_some(motion, (self.mirror, self.mirror_efforts, self.mirror, self.mirror_offsets))
         return motion
@@ -186,9 +186,10 @@ class StereoReplayBuffer(ReplayBuffer):
     def _mirror_some(self, tensors: Sequence[th.Tensor], mirrors: Sequence[Callable[[th.Tensor], th.Tensor]]) -> None:
         """Mirror the same samples in every tensor, in place: they are copies of the buffer."""
         n_samples = len(tensors[0])
-        chosen = th.as_tensor(np.random.random(n_samples) < self.mirror_probability, device=self.device)
+        chosen = np.flatnonzero(np.random.random(n_samples) < self.mirror_probability)
+        rows = th.as_tensor(chosen, device=self.device)
         for tensor, mirror in zip(tensors, mirrors, strict=True):
-            tensor[chosen] = mirror(tensor[chosen])
+            tensor.index_copy_(0, rows, mirror(tensor.index_select(0, rows)))  # half the time of tensor[rows] = ...
 
     def mirror(self, images: th.Tensor) -> th.Tensor:
         """Flip every view of (batch, 1, n_views * height, width) left to right and reverse their order."""

@@ -8,11 +8,11 @@ import torch as th
 from stable_baselines3 import DQN
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.preprocessing import preprocess_obs
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from torch import nn
 
 from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer
+from sb3_stereo.extractors import scale_images
 
 
 class MotionHeads(nn.Module):
@@ -85,7 +85,7 @@ class MotionLearner:
         """Take one gradient step and return the loss."""
         images = th.cat([motion.observations, motion.next_observations])
         self.encoder.train()
-        features, next_features = self.encoder(preprocess_obs(images, self.encoder._observation_space)).chunk(2)
+        features, next_features = self.encoder(scale_images(images, self.encoder._observation_space)).chunk(2)
         self.encoder.eval()
         loss = self.heads.loss(features, next_features, motion)
         self.optimizer.zero_grad()

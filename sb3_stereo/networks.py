@@ -14,7 +14,7 @@ from stable_baselines3.common.type_aliases import PyTorchObs
 from stable_baselines3.td3.policies import Actor
 from torch import nn
 
-from sb3_stereo.extractors import hidden_norm_layers, initialise
+from sb3_stereo.extractors import hidden_norm_layers, initialise, scale_images
 from sb3_stereo.motion import MotionHeads
 from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 
@@ -22,6 +22,11 @@ from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 def _uniform(layer: nn.Module, bound: float) -> None:
     for parameter in layer.parameters():
         nn.init.uniform_(parameter, -bound, bound)
+
+
+def _features(network: Actor | ContinuousCritic, obs: th.Tensor, encoder: BaseFeaturesExtractor) -> th.Tensor:
+    features: th.Tensor = encoder(scale_images(obs, network.observation_space, network.normalize_images))
+    return features
 
 
 class StereoActor(Actor):
@@ -52,10 +57,10 @@ class StereoActor(Actor):
 
     def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor) -> th.Tensor:
         """Return features (batch, features_dim), remembered and detached if the encoder is the critic's."""
-        compute = partial(super().extract_features, obs, features_extractor)
+        assert isinstance(obs, th.Tensor)
+        compute = partial(_features, self, obs, features_extractor)
         if self.memo is None:
             return compute()
-        assert isinstance(obs, th.Tensor)
         with th.no_grad():
             return self.memo(obs, compute)
 
@@ -160,10 +165,10 @@ class StereoCritic(ContinuousCritic):
 
     def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor) -> th.Tensor:
         """Return features (batch, features_dim), remembered where no gradient is wanted and the actor shares them."""
-        compute = partial(super().extract_features, obs, features_extractor)
+        assert isinstance(obs, th.Tensor)
+        compute = partial(_features, self, obs, features_extractor)
         if self.memo is None:
             return compute()
-        assert isinstance(obs, th.Tensor)
         borrowed = isinstance(features_extractor, BorrowedEncoder)
         with th.set_grad_enabled(th.is_grad_enabled() and not borrowed):
             return self.memo(obs, compute)

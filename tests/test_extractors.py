@@ -12,10 +12,11 @@ import pytest
 import torch as th
 from fake_env import FakeImageEnv
 from gymnasium import spaces
+from stable_baselines3.common.preprocessing import preprocess_obs
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
-from sb3_stereo.extractors import Blur, PixelNorm, StereoCnn, initialise
+from sb3_stereo.extractors import Blur, PixelNorm, StereoCnn, initialise, scale_images
 from sb3_stereo.sharing import BorrowedEncoder, FeatureMemo
 
 SPACE = FakeImageEnv().observation_space
@@ -40,6 +41,7 @@ def test_features_have_the_announced_size_for_any_image(shape, features_dim):
 @pytest.mark.parametrize("hidden_norm", ["batch", "layer", "none"])
 @pytest.mark.parametrize("init", ["fan_in", "orthogonal", "xavier"])
 def test_gradients_reach_every_cameras_half_of_the_composite(input_norm, hidden_norm, init):
+    th.manual_seed(0)  # six filters can all be dead by chance
     cnn = small_cnn(input_norm=input_norm, hidden_norm=hidden_norm, init=init)
     observations = images().requires_grad_()
     (cnn(observations) * images(6, (12,))).sum().backward()
@@ -292,3 +294,28 @@ def test_blur_is_no_part_of_the_weights() -> None:
     plain = StereoCnn(SPACE, kernel_sizes=(3,), strides=(2,))
     blurred = StereoCnn(SPACE, kernel_sizes=(3,), strides=(2,), blur=1.0)
     assert plain.state_dict().keys() == blurred.state_dict().keys()
+
+
+@pytest.mark.parametrize("space", [SPACE, spaces.Box(0, 1, (3,), np.float32)])
+@pytest.mark.parametrize("normalize_images", [True, False])
+def test_scaling_is_sb3s_to_the_bit_and_leaves_its_input_alone(space, normalize_images):
+    observations = th.as_tensor(np.stack([space.sample() for _ in range(5)]))
+    before = observations.clone()
+    scaled = scale_images(observations, space, normalize_images)
+    assert scaled.dtype == th.float32
+    assert th.equal(scaled, preprocess_obs(observations, space, normalize_images))
+    assert th.equal(observations, before)
+
+
+@pytest.mark.parametrize("hidden_norm", ["batch", "layer", "none"])
+def test_gradients_are_those_of_the_plain_layers_to_the_bit(hidden_norm):
+    """What saves passes over the memory (ReLU in place, gradients in the faster layout) changes no number."""
+    cnn = small_cnn(hidden_norm=hidden_norm)
+    plain = copy.deepcopy(cnn)
+    for relu in (module for module in plain.convs if isinstance(module, nn.ReLU)):
+        relu.inplace = False
+    cnn(images()).square().sum().backward()
+    maps = plain.convs(plain.input_norm(images()).contiguous(memory_format=th.channels_last))
+    plain.fc(maps.flatten(start_dim=1)).square().sum().backward()
+    for found, expected in zip(cnn.parameters(), plain.parameters(), strict=True):
+        assert th.equal(found.grad, expected.grad)
