@@ -83,7 +83,11 @@ def make_model(
     tensorboard_log: str | None = None,
     verbose: int = 0,
 ) -> "OffPolicyAlgorithm":
-    """Make SB3's own algorithm with the configured policy, noise and arguments."""
+    """Make SB3's own algorithm with the configured policy, noise and arguments.
+
+    `gradient_steps` are per step of one environment: SB3 counts a step of all of them as one, and with n_envs of them
+    would learn n_envs times less from each.
+    """
     check_action_space(config, env.action_space)
     algo_class = algorithm(config.algo)
     policy = policy_class(config.algo, config.policy)
@@ -92,6 +96,9 @@ def make_model(
         kwargs["learning_rate"] = LinearSchedule(float(kwargs["learning_rate"].removeprefix("lin_")), 0.0, 1.0)
     if config.noise_type:
         kwargs["action_noise"] = make_noise(config, env)
+    gradient_steps = kwargs.get("gradient_steps", 1)
+    if gradient_steps > 0:  # -1 follows the number of environment steps by itself
+        kwargs["gradient_steps"] = gradient_steps * env.num_envs
     model: OffPolicyAlgorithm = algo_class(
         policy=policy,
         env=env,

@@ -15,7 +15,7 @@ import pytest
 
 from sb3_stereo import __main__, enjoy, evaluate
 from sb3_stereo import train as train_cli
-from sb3_stereo.building import make_model, make_training_env
+from sb3_stereo.building import make_callbacks, make_model, make_training_env
 from sb3_stereo.config import Config, load_config
 from sb3_stereo.training import Options, train
 
@@ -33,6 +33,22 @@ def tiny_config(algo: str = "ddpg", n_timesteps: int = 30, **params: Any) -> Con
 def run_train(logs: Path, *arguments: str, params: list[str] = TINY) -> int:
     flags = [*ENV, *QUICK, "--n-eval-envs", "1", "-f", str(logs), "--seed", "1"]
     return train_cli.main([*flags, "-params", *params, *arguments])
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "dqn"])
+@pytest.mark.parametrize("gradient_steps", [3, -1])
+def test_updates_per_environment_step_do_not_depend_on_the_number_of_environments(
+    algo: str, gradient_steps: int
+) -> None:
+    for n_envs in (1, 4):
+        config = tiny_config(algo, n_envs=n_envs, gradient_steps=gradient_steps, learning_starts=8)
+        motion, warm_up = (callback for callback in make_callbacks(config) if hasattr(callback, "replay_ratio"))
+        model = make_model(config, make_training_env(config, seed=0), seed=0, device="cpu")
+        motion.replay_ratio = warm_up.replay_ratio = 0.5
+        model.learn(16, callback=[motion, warm_up])
+        assert model._n_updates == 4 + abs(gradient_steps) * (16 - 8)
+        # What moves is learnt from the last of the random steps on, which n_envs environments take together.
+        assert motion.n_updates == 4 + motion.gradient_steps * (16 - 8 + n_envs)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "dqn", "td3"])
