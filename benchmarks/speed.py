@@ -7,6 +7,7 @@ and `benchmarks/results/speed.json`. Candidates that are not installed (`pip ins
 """
 
 import argparse
+import itertools
 import json
 import os
 import platform
@@ -47,6 +48,18 @@ def stepping(env: gym.Env[Any, Any], look: Callable[[], object] = lambda: None) 
 def ours(**kwargs: Any) -> Callable[[], None]:
     """Our environment, which looks twice by itself."""
     return stepping(gym.make(ENV_ID, **kwargs))
+
+
+def resetting() -> Callable[[], None]:
+    """A call that resets our environment into `N_STEPS` random poses."""
+    env = gym.make(ENV_ID)
+    seeds = itertools.count()
+
+    def resets() -> None:
+        for _ in range(N_STEPS):
+            env.reset(seed=next(seeds))
+
+    return resets
 
 
 class Stopwatch:
@@ -109,6 +122,7 @@ def env_candidates() -> dict[str, Candidate]:
         "ours": timed(ours()),
         "ours, with a floor": timed(ours(floor=True)),
         "ours, bare": bare(),
+        "ours, a reset": timed(resetting()),
     }
     for name, make in (("panda-gym", panda_gym), ("FetchReach", fetch)):
         try:

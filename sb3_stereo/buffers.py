@@ -189,7 +189,7 @@ class StereoReplayBuffer(ReplayBuffer):
         chosen = np.flatnonzero(np.random.random(n_samples) < self.mirror_probability)
         rows = th.as_tensor(chosen, device=self.device)
         for tensor, mirror in zip(tensors, mirrors, strict=True):
-            tensor.index_copy_(0, rows, mirror(tensor.index_select(0, rows)))  # half the time of tensor[rows] = ...
+            tensor.index_copy_(0, rows, mirror(tensor.index_select(0, rows)))  # faster than by a mask
 
     def mirror(self, images: th.Tensor) -> th.Tensor:
         """Flip every view of (batch, 1, n_views * height, width) left to right and reverse their order."""
