@@ -13,6 +13,7 @@ from torch import nn
 
 from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer
 from sb3_stereo.extractors import scale_images
+from sb3_stereo.warmup import can_learn
 
 
 class MotionHeads(nn.Module):
@@ -149,7 +150,7 @@ class LearnFromMotion(BaseCallback):
     def _on_step(self) -> bool:
         model = self.model
         assert isinstance(model, OffPolicyAlgorithm)
-        if self.num_timesteps >= model.learning_starts:
+        if can_learn(model):
             if self.n_updates == 0:
                 self.train(round(self.replay_ratio * model.learning_starts))
             self.train(self.gradient_steps * self.training_env.num_envs)

@@ -4,6 +4,12 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 
+def can_learn(model: OffPolicyAlgorithm) -> bool:
+    """Whether `learning_starts` is over and a transition is there; SB3 stores the first one after the callbacks."""
+    assert model.replay_buffer is not None
+    return model.num_timesteps >= model.learning_starts and model.replay_buffer.size() > 0
+
+
 class WarmUp(BaseCallback):
     """Train on the random transitions once, when `learning_starts` of them are there.
 
@@ -19,6 +25,7 @@ class WarmUp(BaseCallback):
     def _on_step(self) -> bool:
         model = self.model
         assert isinstance(model, OffPolicyAlgorithm)
-        if model._n_updates == 0 and self.num_timesteps >= model.learning_starts:
-            model.train(gradient_steps=round(self.replay_ratio * model.learning_starts), batch_size=model.batch_size)
+        n_updates = round(self.replay_ratio * model.learning_starts)
+        if n_updates > 0 and model._n_updates == 0 and can_learn(model):
+            model.train(gradient_steps=n_updates, batch_size=model.batch_size)
         return True

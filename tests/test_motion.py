@@ -19,6 +19,7 @@ from sb3_stereo.buffers import Motion, StereoReplay, StereoReplayBuffer
 from sb3_stereo.envs.wrappers import QuantizedActions
 from sb3_stereo.motion import LearnFromMotion, MotionHeads
 from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
+from sb3_stereo.warmup import WarmUp
 
 CNN = {"n_filters": 4, "features_dim": 8, "embedding_dim": 3, "input_norm": "pixel"}
 POLICY = {"net_arch": [8, 8], "shared_encoder": True, "encoder_loss": "motion", "features_extractor_kwargs": CNN}
@@ -141,6 +142,15 @@ def test_wrapped_vector_environments_are_fine() -> None:
     callback = LearnFromMotion(replay_ratio=0.5, batch_size=4)
     model.learn(34, callback=callback)
     assert callback.n_updates == 15 + 2 * 2 * 3  # at 30, 32 and 34 steps
+
+
+@pytest.mark.parametrize("learning_starts", [0, 1, 2])
+def test_learning_may_start_at_once(learning_starts: int) -> None:
+    env = DummyVecEnv([fake_reach.FakeReachEnv] * 2)
+    model = ddpg(env, learning_starts=learning_starts, batch_size=4)
+    learn = LearnFromMotion(gradient_steps=1, replay_ratio=1.0, batch_size=4)
+    model.learn(8, callback=CallbackList([learn, WarmUp(replay_ratio=1.0)]))
+    assert learn.n_updates > 0 and model._n_updates > 0
 
 
 def test_an_environment_without_offsets_is_refused() -> None:
