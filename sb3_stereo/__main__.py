@@ -10,6 +10,7 @@ COMMANDS = {
     "enjoy": "play a trained agent and count its successes",
     "evaluate": "score a trained agent on the test poses",
     "plot": "draw the learning curves of runs",
+    "sweep": "search hyper-parameters, on one machine or a cluster",
 }
 
 USAGE = "\n".join(

@@ -19,10 +19,16 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {one_line(message)} (see --help)\n")
 
 
-def add_process_flags(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for device, threads and packages."""
+def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) -> None:
+    """Add the flags for device, threads and packages.
+
+    Args:
+        parser: Where to add them.
+        num_threads: The default; -1 stands for the free cores.
+    """
+    threads = "free cores, up to 4" if num_threads < 0 else str(num_threads)
     parser.add_argument("--device", default="auto", help="PyTorch device, e.g. cpu, cuda (default: auto)")
-    parser.add_argument("--num-threads", type=int, default=-1, help="PyTorch threads (default: free cores, up to 4)")
+    parser.add_argument("--num-threads", type=int, default=num_threads, help=f"PyTorch threads (default: {threads})")
     parser.add_argument(
         "--gym-packages", nargs="+", default=[], metavar="PACKAGE", help="packages that register further environments"
     )

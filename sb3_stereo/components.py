@@ -3,7 +3,7 @@
 import inspect
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -134,7 +134,7 @@ def coerce(value: Any, hint: Any, name: str) -> Any:
         return value
     if isinstance(value, float) and value.is_integer() and int in options:
         return int(value)
-    wanted = " or ".join(_SPOKEN.get(option, getattr(option, "__name__", str(option))) for option in options)
+    wanted = " or ".join(_spoken(typing.get_origin(option) or option) for option in options)
     raise ConfigError(f"{name} must be {wanted}, got {value!r}")
 
 
@@ -161,7 +161,13 @@ _SPOKEN = {
     str: "a text",
     type(None): "null",
     dict: "a map",
+    Mapping: "a map",
+    Sequence: "a list",
 }
+
+
+def _spoken(kind: Any) -> str:
+    return _SPOKEN.get(kind, getattr(kind, "__name__", str(kind)))
 
 
 def _fits(value: Any, hint: Any) -> bool:
@@ -176,7 +182,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, origin)
     if origin in (dict, Mapping):
         return isinstance(value, Mapping)
-    if origin in (tuple, list):
+    if origin in (tuple, list, Sequence):
         return isinstance(value, list | tuple)
     if isinstance(value, int | float | bool | None):  # a scalar never stands for an object
         return origin in (Any, inspect.Parameter.empty, object) or isinstance(origin, str)

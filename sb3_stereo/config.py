@@ -15,7 +15,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from sb3_stereo.components import Component, check_kwargs, coerce, import_class, parameters, parse_components
 from sb3_stereo.errors import ConfigError, unknown
-from sb3_stereo.values import override, read_hyperparams
+from sb3_stereo.values import override_all, read_hyperparams
 
 if TYPE_CHECKING:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -121,7 +121,7 @@ def load_config(
         algo: One of `ALGORITHMS`.
         env_id: A registered environment.
         conf_file: The YAML file; by default our own for the algorithm.
-        params: Overrides by key; a dotted key reaches inside a map (`policy_kwargs.n_critics`).
+        params: Overrides by key; a dotted key reaches inside, see `values.override_all`.
         env_kwargs: Overrides of `env_kwargs`.
         n_timesteps: Override of `n_timesteps`; not positive keeps the file's.
 
@@ -130,14 +130,17 @@ def load_config(
     """
     algorithm(algo)
     check_env_id(env_id)
-    values = read_hyperparams(algo, env_id, conf_file)
-    for key, value in (params or {}).items():
-        values = override(values, key.split("."), value, key)
+    values = override_all(read_hyperparams(algo, env_id, conf_file), params)
     if env_kwargs:
         values["env_kwargs"] = {**(values.get("env_kwargs") or {}), **env_kwargs}
     if n_timesteps > 0:
         values["n_timesteps"] = n_timesteps
     return parse_config(algo, env_id, values)
+
+
+def overridden(config: Config, params: Mapping[str, Any]) -> Config:
+    """Return the configuration with overrides by key, checked."""
+    return parse_config(config.algo, config.env_id, override_all(config.plain(), params))
 
 
 def check_env_id(env_id: str) -> None:

@@ -2,7 +2,7 @@
 
 import csv
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ from sb3_stereo.building import VEC_ENVS
 from sb3_stereo.evaluation import Evaluation, Start, evaluate
 from sb3_stereo.models import save_model
 from sb3_stereo.runs import BEST_MODEL, EVALUATIONS
+
+OnScore = Callable[[Path], None]
 
 # Training steps of the paper's Tables 3 and 4.
 PAPER_CHECKPOINTS = {
@@ -45,6 +47,7 @@ class PoseEvalCallback(BaseCallback):
         n_envs: Environments that are stepped together.
         vec_env: "dummy" or "subproc".
         verbose: 1 prints a line per score.
+        on_score: Called with the run directory after every score but the one at the end of the training.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class PoseEvalCallback(BaseCallback):
         n_envs: int = 1,
         vec_env: str = "dummy",
         verbose: int = 0,
+        on_score: OnScore | None = None,
     ) -> None:
         super().__init__(verbose)
         self.env_fn = env_fn
@@ -64,6 +68,7 @@ class PoseEvalCallback(BaseCallback):
         self.steps = sorted(steps)
         self.n_envs = n_envs
         self.vec_env = vec_env
+        self.on_score = on_score
         self.best: tuple[float, float] | None = None
         self.last: Evaluation | None = None
 
@@ -75,6 +80,8 @@ class PoseEvalCallback(BaseCallback):
         self.steps = self.steps[len(due) :]
         if due and self.num_timesteps < self.locals.get("total_timesteps", float("inf")):
             self.score()
+            if self.on_score is not None:
+                self.on_score(self.run_dir)
         return True
 
     def _on_training_end(self) -> None:

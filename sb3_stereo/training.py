@@ -20,7 +20,7 @@ from sb3_stereo.checkpoints import Checkpoint, newest
 from sb3_stereo.checkpoints import remove as remove_checkpoints
 from sb3_stereo.config import Config
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.eval_callback import PoseEvalCallback, checkpoints
+from sb3_stereo.eval_callback import OnScore, PoseEvalCallback, checkpoints
 from sb3_stereo.evaluation import Evaluation, test_starts
 from sb3_stereo.files import cut_back
 from sb3_stereo.models import load_weights, save_model
@@ -99,7 +99,9 @@ class Result:
     interrupted: str | None
 
 
-def train(config: Config, options: Options, record: Mapping[str, Any] | None = None) -> Result:
+def train(
+    config: Config, options: Options, record: Mapping[str, Any] | None = None, on_score: OnScore | None = None
+) -> Result:
     """Train, score and save an agent.
 
     SIGINT and SIGTERM end the training early; the model is saved all the same, and `resume` goes on from the last
@@ -109,6 +111,7 @@ def train(config: Config, options: Options, record: Mapping[str, Any] | None = N
         config: What to learn, and how.
         options: How to run it.
         record: Further arguments of the command, for the run's `args.yml`.
+        on_score: Called with the run directory after every score but the last.
 
     Raises:
         ConfigError: If the environment or the model refuses its arguments, or the disk is full.
@@ -119,13 +122,13 @@ def train(config: Config, options: Options, record: Mapping[str, Any] | None = N
     save_records(run, config, args)
     with locked(run):
         try:
-            return _train_in(run, config, options, tensorboard)
+            return _train_in(run, config, options, tensorboard, on_score=on_score)
         except Refused:
             shutil.rmtree(run)  # it has nothing in it yet
             raise
 
 
-def resume(run: Path, verbose: int = 1) -> Result:
+def resume(run: Path, verbose: int = 1, on_score: OnScore | None = None) -> Result:
     """Go on with a training that was killed or interrupted, with its own settings, from its last checkpoint.
 
     With the same seed, on a CPU with one thread, it ends as it would have without the interruption, bit for bit.
@@ -133,6 +136,7 @@ def resume(run: Path, verbose: int = 1) -> Result:
     Args:
         run: The run directory.
         verbose: As in `Options`.
+        on_score: As in `train`.
 
     Raises:
         ConfigError: If there is no such run, it has ended, or another process trains it.
@@ -147,11 +151,16 @@ def resume(run: Path, verbose: int = 1) -> Result:
         cut_back(_logs(run, args.get("tensorboard")), state["logs"] if state else {})
         for leftover in run.glob("*.partial*"):
             leftover.unlink()
-        return _train_in(run, config, options, args.get("tensorboard"), state)
+        return _train_in(run, config, options, args.get("tensorboard"), state, on_score)
 
 
 def _train_in(
-    run: Path, config: Config, options: Options, tensorboard: str | None, state: State | None = None
+    run: Path,
+    config: Config,
+    options: Options,
+    tensorboard: str | None,
+    state: State | None = None,
+    on_score: OnScore | None = None,
 ) -> Result:
     """Train in a run directory, from a checkpoint's state if there is one."""
     with _refusals_are_errors():
@@ -163,7 +172,7 @@ def _train_in(
             with _refusals_are_errors():
                 load_weights(model, Path(options.trained_agent), options.trust)
         model.set_logger(_logger(run, tensorboard, options.verbose))
-        scoring = make_scoring(config, options, run)
+        scoring = make_scoring(config, options, run, on_score)
         callbacks = [*make_callbacks(config), *_own_callbacks(options), scoring]
         checkpoint = Checkpoint(run, options.save_freq, callbacks, lambda: _logs(run, tensorboard), state)
         with signals_interrupt():
@@ -203,7 +212,7 @@ def _logs(run: Path, tensorboard: str | None) -> list[Path]:
     return [*run.glob("*monitor.csv"), *run.glob(EVALUATIONS), *events]
 
 
-def make_scoring(config: Config, options: Options, run: Path) -> PoseEvalCallback:
+def make_scoring(config: Config, options: Options, run: Path, on_score: OnScore | None = None) -> PoseEvalCallback:
     """Make the callback that scores the agent on the environment's fixed starts."""
     return PoseEvalCallback(
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
@@ -213,6 +222,7 @@ def make_scoring(config: Config, options: Options, run: Path) -> PoseEvalCallbac
         options.n_eval_envs,
         "subproc" if options.n_eval_envs > 1 else "dummy",
         options.verbose,
+        on_score,
     )
 
 

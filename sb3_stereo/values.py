@@ -19,16 +19,28 @@ def read_hyperparams(algo: str, env_id: str, conf_file: str | Path | None = None
     if not source.is_file():
         way_out = "give an existing file with -conf" if conf_file is None else "check the path given with -conf"
         raise ConfigError(f"no hyper-parameter file '{source if conf_file else algo + '.yml'}'; {way_out}")
-    try:
-        content = yaml.safe_load(source.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"'{source}' is not plain YAML: {' '.join(str(error).split())}") from error
+    content = read_yaml(source)
     if not isinstance(content, Mapping):
         raise ConfigError(f"'{source}' must hold one map per environment id, or 'default'")
     values = content.get(env_id, content.get("default"))
     if not isinstance(values, Mapping):
         raise unknown(f"environment of '{source}'", env_id, [str(key) for key in content])
-    return {str(key): _numbers(value) for key, value in values.items()}
+    return {str(key): value for key, value in values.items()}
+
+
+def read_yaml(source: Any) -> Any:
+    """Return what is in an existing YAML file; `1e-3` is a number.
+
+    Args:
+        source: The file, as a path or a package's resource.
+
+    Raises:
+        ConfigError: If it is not plain YAML.
+    """
+    try:
+        return _numbers(yaml.safe_load(source.read_text(encoding="utf-8")))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"'{source}' is not plain YAML: {' '.join(str(error).split())}") from error
 
 
 def parse_assignments(assignments: Sequence[str] | None) -> dict[str, Any]:
@@ -58,12 +70,35 @@ def _numbers(value: Any) -> Any:
     return float(value) if isinstance(value, str) and _SCIENTIFIC.fullmatch(value) else value
 
 
+def override_all(values: Mapping[str, Any], params: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return a copy of the map with overrides by key; a dotted key reaches inside (`policy_kwargs.n_critics`).
+
+    In a list of classes it names one by its last name, as in `callback.WarmUp.replay_ratio`.
+    """
+    values = dict(values)
+    for key, value in (params or {}).items():
+        values = override(values, key.split("."), value, key)
+    return values
+
+
 def override(values: Mapping[str, Any], path: Sequence[str], value: Any, name: str) -> dict[str, Any]:
     """Return a copy of the map with the value at the path replaced."""
     first, *rest = path
     if not rest:
         return {**values, first: value}
     inner = values.get(first)
+    if isinstance(inner, list):
+        return {**values, first: _override_item(inner, rest, value, name)}
     if not isinstance(inner, Mapping | None):
         raise ConfigError(f"'{name}' reaches inside '{first}', which is {inner!r} and not a map")
     return {**values, first: override(inner or {}, rest, value, name)}
+
+
+def _override_item(items: Sequence[Any], path: Sequence[str], value: Any, name: str) -> list[Any]:
+    """Return a copy of a list of classes with an argument of one replaced."""
+    first, *rest = path
+    maps = [item if isinstance(item, Mapping) else {str(item): {}} for item in items]
+    paths = {next(iter(item)).rpartition(".")[2]: next(iter(item)) for item in maps}
+    if first not in paths or not rest:
+        raise unknown(f"class or argument in '{name}'", ".".join(path), [f"{known}.<argument>" for known in paths])
+    return [override(item, [paths[first], *rest], value, name) if paths[first] in item else item for item in maps]

@@ -1,0 +1,125 @@
+"""What a sweep found: the table, the best setting as a YAML for train.py, and a picture."""
+
+import csv
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sb3_stereo.config import overridden
+from sb3_stereo.tuning.config import Parameter, Sweep
+from sb3_stereo.tuning.records import Setting, Trial, read_trials, settings
+
+BEST, PICTURE, TABLE = "best.yml", "slices.png", "trials.csv"
+N_SHOWN = 10
+
+
+def write_report(sweep: Sweep, folder: Path) -> str:
+    """Write the table, the best YAML and the picture into the sweep's folder.
+
+    Returns:
+        What a person wants to see of it.
+    """
+    trials = read_trials(sweep, folder)
+    found = settings(sweep, trials)
+    if not found:
+        return "No trial has begun yet."
+    write_trials(sweep, trials, folder / TABLE)
+    lines = [table(sweep, found), f"All {len(trials)} trials: {os.path.relpath(folder / TABLE)}"]
+    if found[0].is_complete:
+        write_best(sweep, found, folder / BEST)
+        lines.append(f"The best setting: {os.path.relpath(folder / BEST)}")
+        lines.append(picture_line(sweep, found, folder / PICTURE))
+    else:
+        lines.append("No setting is trained to the end with all seeds yet.")
+    return "\n".join(lines)
+
+
+def table(sweep: Sweep, found: Sequence[Setting]) -> str:
+    """Return the best settings as a text table."""
+    names = [parameter.name for parameter in sweep.parameters]
+    rows = [[*names, sweep.metric.name, "seeds", "steps", "state", "runs"]]
+    for setting in found[:N_SHOWN]:
+        params = [shown(setting.params.get(name)) for name in names]
+        steps = min(trial.timesteps for trial in setting.trials)
+        states = sorted({trial.state for trial in setting.trials})
+        runs = [trial.run.name.rpartition("_")[2] for trial in setting.trials]
+        progress = [f"{len(setting.trials)} of {len(sweep.seeds)}", str(steps), ", ".join(states), ",".join(runs)]
+        rows.append([*params, f"{setting.score:.4g}", *progress])
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
+    rest = len(found) - N_SHOWN
+    return "\n".join(lines + ([f"... and {rest} more settings"] if rest > 0 else []))
+
+
+def shown(value: Any) -> str:
+    """Return a value as a table shows it."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def write_trials(sweep: Sweep, trials: Sequence[Trial], file: Path) -> None:
+    """Write a line per trial."""
+    names = [parameter.name for parameter in sweep.parameters]
+    with file.open("w", newline="", encoding="utf-8") as output:
+        writer = csv.writer(output, lineterminator="\n")
+        writer.writerow(["run", "seed", "state", "timesteps", sweep.metric.name, *names])
+        for trial in trials:
+            values = [trial.params.get(name) for name in names]
+            writer.writerow([trial.run.name, trial.seed, trial.state, trial.timesteps, trial.score, *values])
+
+
+def write_best(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
+    """Write the hyper-parameters of the best setting as a file for train.py's `-conf`."""
+    best, metric = found[0], sweep.metric
+    config = overridden(sweep.base, best.params)
+    seeds = f"the mean over {len(sweep.seeds)} seeds" if len(sweep.seeds) > 1 else f"seed {sweep.seeds[0]}"
+    comment = (
+        f"# The best of {len(found)} settings: {metric.name} {best.score:.4g}, {seeds}.\n"
+        f"# python train.py --algo {config.algo} --env {config.env_id} -conf {os.path.relpath(file)}\n"
+    )
+    text = yaml.safe_dump({config.env_id: config.plain()}, sort_keys=False)
+    file.write_text(comment + text, encoding="utf-8")
+
+
+def picture_line(sweep: Sweep, found: Sequence[Setting], file: Path) -> str:
+    """Draw the picture and say where it is, or what is missing for it."""
+    try:
+        draw(sweep, [setting for setting in found if setting.is_complete], file)
+    except ModuleNotFoundError as error:
+        return f'No picture: it needs {error.name}; install it with: pip install "sb3_stereo[sweep]"'
+    return f"The metric over each parameter: {os.path.relpath(file)}"
+
+
+def draw(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
+    """Draw the metric over each parameter: small dots are trials, large ones means over seeds, the best in colour."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    n = len(sweep.parameters)
+    figure, axes = plt.subplots(1, n, figsize=(3.2 * n + 0.8, 3.6), sharey=True, squeeze=False, layout="constrained")
+    for parameter, panel in zip(sweep.parameters, axes[0], strict=True):
+        x = coordinates(parameter, [setting.params[parameter.name] for setting in found])
+        for at, setting in zip(x, found, strict=True):
+            panel.scatter([at] * len(setting.trials), [trial.score for trial in setting.trials], s=8, color="0.6")
+        panel.scatter(x, [setting.score for setting in found], s=36, color="0.3")
+        panel.scatter(x[:1], [found[0].score], s=60, color="C3", zorder=3)
+        if parameter.values:
+            panel.set_xticks(range(len(parameter.values)), [shown(value) for value in parameter.values])
+            panel.set_xlim(-0.5, len(parameter.values) - 0.5)
+        elif parameter.distribution == "log_uniform_values":
+            panel.set_xscale("log")
+        panel.set_xlabel(parameter.name, fontsize="small")
+        panel.set_axisbelow(True)
+        panel.grid(alpha=0.3)
+    axes[0][0].set_ylabel(sweep.metric.name)
+    figure.savefig(file, dpi=120)
+    plt.close(figure)
+
+
+def coordinates(parameter: Parameter, values: Sequence[Any]) -> list[float]:
+    """Return where values stand on the axis: choices side by side in the order of the sweep's file."""
+    return [parameter.values.index(value) for value in values] if parameter.values else list(values)
