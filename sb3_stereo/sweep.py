@@ -101,6 +101,7 @@ def connected(address: str | None) -> Iterator[None]:
     except (ConnectionError, ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
         raise ConfigError(f"no Ray cluster at '{address}' ({reason}); start one with: ray start --head") from error
+    logging.getLogger("ray.tune").setLevel(logging.CRITICAL)  # failures are reported at the end, in a line each
     try:
         yield
     finally:

@@ -109,7 +109,7 @@ def report(run: Path, step: int, metric: Metric) -> None:
 def _alone(folder: Path, config: Config, seed: int) -> Iterator[None]:
     """Wait until no other process trains the same, e.g. one whose driver was killed; a lock dies with its owner."""
     locks = folder / ".locks"
-    locks.mkdir(exist_ok=True)
+    locks.mkdir(parents=True, exist_ok=True)
     name = hashlib.sha1(yaml.safe_dump([config.plain(), seed]).encode()).hexdigest()
     with (locks / name).open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
