@@ -27,6 +27,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("-f", "--log-folder", "--folder", default="logs", help="log folder (default: logs)")
     parser.add_argument("--address", help="a Ray cluster, e.g. auto or head:6379 (default: this machine alone)")
     parser.add_argument("--workers", type=int, default=0, help="trials at a time (default: as many as fit)")
+    parser.add_argument(
+        "--save-freq", type=int, default=1000, help="steps between a trial's checkpoints (default: 1000; -1: none)"
+    )
     parser.add_argument("--report", action="store_true", help="train nothing, report what is there")
     add_process_flags(parser, num_threads=1)
     return parser
@@ -69,7 +72,8 @@ def run_sweep(args: argparse.Namespace, sweep: "Sweep", folder: Path) -> list[st
         from sb3_stereo.tuning.trials import Job, Watch, check_resources, fit
 
         check_resources(sweep.resources)
-        job = Job(sweep, folder, args.device, args.num_threads, tuple(args.gym_packages), tuple(sys.orig_argv))
+        packages, command = tuple(args.gym_packages), tuple(sys.orig_argv)
+        job = Job(sweep, folder, args.device, args.num_threads, args.save_freq, packages, command)
         watch = Watch(job, args.verbose)
         fit(job, args.workers, [watch])
     return watch.failures

@@ -137,29 +137,30 @@ def test_asha_stops_bad_trials_which_are_not_repeated(session: Session) -> None:
     assert before == {trial.run: trial.timesteps for trial in session.trials()}
 
 
-LONG = {"method": "grid", "parameters": {"gamma": {"values": [0.1, 0.5, 0.9]}}, "seeds": [0, 1], "n_timesteps": 1500}
+LONG = {"method": "grid", "parameters": {"gamma": {"values": [0.1, 0.9]}}, "seeds": [0, 1], "n_timesteps": 600}
 LONG["eval_freq"] = 100
+SAVE = ("--save-freq", "150")
 
 
 def test_a_killed_driver_continues_and_repeats_nothing_finished(session: Session) -> None:
-    process = session.start("--workers", "2", **LONG)
+    process = session.start("--workers", "2", *SAVE, **LONG)
     try:
         wait_for(lambda: list(session.results.glob("ddpg/*/FakeReach-v0.zip")), 240, process)
     finally:
         process.send_signal(signal.SIGKILL)
         process.communicate()
     finished = [trial.run for trial in session.trials() if trial.state == "finished"]
-    assert 1 <= len(finished) < 6
+    assert 1 <= len(finished) < 4
     files = {file: file.stat().st_mtime_ns for run in finished for file in run.glob("*.*")}
-    status, *_ = session.run("--workers", "2", **LONG)
+    status, *_ = session.run("--workers", "2", *SAVE, **LONG)
     assert status == 0
     trials = session.trials()
     assert sorted((trial.params["gamma"], trial.seed) for trial in trials) == [
-        (gamma, seed) for gamma in (0.1, 0.5, 0.9) for seed in (0, 1)
+        (gamma, seed) for gamma in (0.1, 0.9) for seed in (0, 1)
     ]
     assert {trial.state for trial in trials} == {"finished"}
     assert files == {file: file.stat().st_mtime_ns for file in files}
-    assert len(list((session.results / "ddpg").iterdir())) == 6
+    assert len(list((session.results / "ddpg").iterdir())) == 4
 
 
 def test_a_node_dies_and_every_trial_is_done_once(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,7 +173,7 @@ def test_a_node_dies_and_every_trial_is_done_once(session: Session, monkeypatch:
     cluster = Cluster(initialize_head=True, head_node_args=node | {"include_dashboard": False})
     try:
         second = cluster.add_node(**node)
-        process = session.start("--address", cluster.address, **LONG)
+        process = session.start("--address", cluster.address, *SAVE, **LONG)
         running = lambda: sum(t.state == "unfinished" and t.timesteps > 0 for t in session.trials()) == 2  # noqa: E731
         wait_for(running, 240, process)
         cluster.remove_node(second, allow_graceful=False)
@@ -183,5 +184,5 @@ def test_a_node_dies_and_every_trial_is_done_once(session: Session, monkeypatch:
     assert "attempt 1 failed and is repeated" in out
     trials = session.trials()
     assert {trial.state for trial in trials} == {"finished"}
-    assert len(trials) == len({(trial.params["gamma"], trial.seed) for trial in trials}) == 6
-    assert len(list((session.results / "ddpg").iterdir())) == 6
+    assert len(trials) == len({(trial.params["gamma"], trial.seed) for trial in trials}) == 4
+    assert len(list((session.results / "ddpg").iterdir())) == 4

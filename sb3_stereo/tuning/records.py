@@ -12,7 +12,7 @@ import yaml
 from sb3_stereo.config import Config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.plot import read_scores
-from sb3_stereo.runs import env_name, find_run, load_record, run_ids
+from sb3_stereo.runs import env_name, find_run, has_ended, load_record, run_ids
 from sb3_stereo.tuning.config import Metric, Sweep
 
 STOPPED = "stopped.txt"
@@ -73,7 +73,7 @@ def scores(run: Path) -> dict[int, dict[str, float]]:
 
 def state(run: Path, config: Config) -> str:
     """Return "finished", "stopped" or "unfinished"."""
-    if (run / f"{env_name(config.env_id)}.zip").is_file() and max(scores(run), default=0) >= config.n_timesteps:
+    if has_ended(run, config):
         return "finished"
     return "stopped" if (run / STOPPED).is_file() else "unfinished"
 

@@ -43,6 +43,7 @@ class Job:
         folder: The sweep's folder, absolute, on a file system that all machines share.
         device: PyTorch device.
         num_threads: PyTorch threads of a trial.
+        save_freq: Environment steps between checkpoints; not positive saves none.
         gym_packages: Packages that register environments.
         command: What the person typed, for the runs' records.
     """
@@ -51,6 +52,7 @@ class Job:
     folder: Path
     device: str = "auto"
     num_threads: int = 1
+    save_freq: int = 1000
     gym_packages: tuple[str, ...] = ()
     command: tuple[str, ...] = ()
 
@@ -82,21 +84,25 @@ def run_trial(suggestion: dict[str, Any], job: Job) -> None:
 
 
 def continue_or_train(run: Path | None, config: Config, seed: int, params: Mapping[str, Any], job: Job) -> Path:
-    """Train a trial to its end and return its run; what an interrupted attempt left is removed."""
-    from sb3_stereo.training import Options, train
+    """Train a trial to its end and return its run; an interrupted one goes on from its last checkpoint."""
+    from sb3_stereo.training import Options, resume, train
+
+    def on_score(run: Path) -> None:
+        report(run, max(scores(run)), job.sweep.metric)
 
     if run is not None:
-        shutil.rmtree(run)
+        return resume(run, verbose=0, on_score=on_score).run
     options = Options(
         seed=seed,
         log_folder=str(job.folder),
         eval_freq=job.sweep.eval_freq,
+        save_freq=job.save_freq,
         device=job.device,
         progress=False,
         verbose=0,
     )
     record = {"params": dict(params), "num_threads": job.num_threads, "gym_packages": list(job.gym_packages)}
-    return train(config, options, record, lambda run: report(run, max(scores(run)), job.sweep.metric)).run
+    return train(config, options, record, on_score).run
 
 
 def report(run: Path, step: int, metric: Metric) -> None:
