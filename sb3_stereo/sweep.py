@@ -75,7 +75,11 @@ def run_sweep(args: argparse.Namespace, sweep: "Sweep", folder: Path) -> list[st
         packages, command = tuple(args.gym_packages), tuple(sys.orig_argv)
         job = Job(sweep, folder, args.device, args.num_threads, args.save_freq, packages, command)
         watch = Watch(job, args.verbose)
-        fit(job, args.workers, [watch])
+        try:
+            fit(job, args.workers, [watch])
+        except KeyboardInterrupt:
+            print("Interrupted; the same command goes on.")
+            raise
     return watch.failures
 
 

@@ -197,6 +197,12 @@ def test_wrong_flags_are_one_sentence_and_status_2(
     assert not logs.exists()
 
 
+def test_a_missing_conf_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as error:
+        load(tmp_path, conf_file="no.yml")
+    assert str(error.value) == f"no conf_file '{tmp_path / 'no.yml'}'; its path is relative to the sweep's file"
+
+
 @pytest.mark.filterwarnings("ignore:Choices for a categorical distribution")
 def test_domains_draw_what_the_distributions_promise() -> None:
     parameters = {

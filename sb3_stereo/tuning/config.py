@@ -189,6 +189,8 @@ def make_sweep(
     searched = parse_parameters(parameters)
     constants = {p.name: p.values[0] for p in searched if p.distribution == "constant"}
     conf = folder / conf_file if conf_file else None
+    if conf is not None and not conf.is_file():
+        raise ConfigError(f"no conf_file '{conf}'; its path is relative to the sweep's file")
     early = None
     if early_terminate is not None:
         early = EarlyTerminate(**_section(EarlyTerminate, early_terminate, "early_terminate"))

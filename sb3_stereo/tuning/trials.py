@@ -73,14 +73,13 @@ def run_trial(suggestion: dict[str, Any], job: Job) -> None:
     config = overridden(job.sweep.base, params)
     with _alone(job.folder, config, seed):
         run = find_trial(job.folder, config, seed)
-        if run is not None and state(run, config) != "unfinished":
-            *earlier, last = sorted(scores(run))
-            for step in earlier:
-                report(run, step, job.sweep.metric)
-        else:
+        if run is None or state(run, config) == "unfinished":
             run = continue_or_train(run, config, seed, params, job)
-            last = max(scores(run))
-        report(run, last, job.sweep.metric)
+            steps = [max(scores(run))]  # the earlier ones are reported
+        else:
+            steps = sorted(scores(run))
+        for step in steps:
+            report(run, step, job.sweep.metric)
 
 
 def continue_or_train(run: Path | None, config: Config, seed: int, params: Mapping[str, Any], job: Job) -> Path:
@@ -130,9 +129,8 @@ def _plain(value: Any) -> Any:
 def optuna_search(sweep: Sweep, known: Sequence[Setting]) -> OptunaSearch:
     """Return Optuna's searcher, which knows the settings that are trained and begins with those that are not quite."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    warnings.filterwarnings(
-        "ignore", message="Choices for a categorical distribution"
-    )  # lists: the study is not stored
+    # Lists cannot be stored in Optuna's data bases; this study is in memory.
+    warnings.filterwarnings("ignore", message="Choices for a categorical distribution")
     search = OptunaSearch(
         optuna_space(sweep),
         metric=sweep.metric.name,
