@@ -3,6 +3,7 @@
 import argparse
 import logging
 import os
+import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -99,6 +100,8 @@ def connected(address: str | None) -> Iterator[None]:
     )
     import ray
 
+    if address and ":" in address and "//" not in address:
+        check_reachable(address)
     local: dict[str, Any] = {
         "include_dashboard": False,
         "object_store_memory": 128 * 2**20,
@@ -114,6 +117,15 @@ def connected(address: str | None) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+def check_reachable(address: str) -> None:
+    """Raise a ConfigError unless something listens at HOST:PORT; Ray itself would try for many minutes."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise ConfigError(f"no Ray cluster at '{address}' ({error}); start one with: ray start --head") from error
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -197,6 +197,15 @@ def test_wrong_flags_are_one_sentence_and_status_2(
     assert not logs.exists()
 
 
+def test_a_cluster_that_is_not_there_is_named_at_once(
+    tmp_path: Path, logs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sweep.main([str(write(tmp_path)), "-f", str(logs), "--address", "127.0.0.1:1"]) == 2
+    assert capsys.readouterr().err == (
+        "error: no Ray cluster at '127.0.0.1:1' ([Errno 111] Connection refused); start one with: ray start --head\n"
+    )
+
+
 def test_a_missing_conf_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as error:
         load(tmp_path, conf_file="no.yml")
