@@ -219,4 +219,4 @@ def test_the_module_lists_its_commands(capsys: pytest.CaptureFixture[str]) -> No
     assert __main__.main(["--version"]) == 0
     assert capsys.readouterr().out == "sb3_stereo 0.1.0\n"
     assert __main__.main(["tarin"]) == 2
-    assert capsys.readouterr().err == "error: unknown command 'tarin'; commands are train, enjoy, evaluate, plot\n"
+    assert capsys.readouterr().err == "error: unknown command 'tarin'; commands are train, enjoy, evaluate, plot, sweep\n"
