@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
@@ -10,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from sb3_stereo.progress import Bar, say
 from sb3_stereo.runs import versions
 
 RESULTS = Path(__file__).parent / "results"
@@ -78,17 +80,20 @@ def train_missing(rows: Iterable[Row], seeds: Iterable[int], logs: Path, n_worke
     """
     missing = [(row, seed) for seed in seeds for row in rows if seed not in row.done()]
     failed = []
+    bar = Bar(len(missing), "cell", interval=math.inf)  # a cell has a line of its own
     with ThreadPoolExecutor(n_workers) as pool:
         futures = {pool.submit(train_cell, row, seed, logs): (row, seed) for row, seed in missing}
         for number, future in enumerate(as_completed(futures), 1):
             row, seed = futures[future]
+            bar.update(number)
             try:
                 lines = future.result()
             except (subprocess.CalledProcessError, OSError) as error:
                 failed.append(f"{row.name}, seed {seed}: {error}")
                 continue
             write(row.record, [line for line in read(row.record) if int(line["seed"]) != seed] + lines)
-            print(f"{number}/{len(missing)}: {row.name}, seed {seed}, {describe(lines[-1])}", flush=True)
+            say(f"{number}/{len(missing)}: {row.name}, seed {seed}, {describe(lines[-1])}, {bar.left(number)}")
+    bar.close()
     if failed:
         raise RuntimeError("some cells failed:\n" + "\n".join(failed))
 

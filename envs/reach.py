@@ -163,6 +163,11 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         changes = rewards.distance_change(previous, current, self.distance_scale)
         return composite.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
 
+    def draw(self) -> tuple[Image, ...]:
+        """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
+        self._place_markers()
+        return tuple(camera.frame() for camera in self.cameras)
+
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
         if self.render_mode != "rgb_array":
@@ -247,13 +252,17 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
     # ------------------------------------------------------------------------------------------------ the view
     def _look(self) -> None:
         """Take the frames and measure the markers' offset in each."""
-        self._end_effector_position = self.arm.end_effector_position
-        for ball, position in zip(self.markers, (self._end_effector_position, self._target_position), strict=True):
-            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
+        self._place_markers()
         # Each frame is measured while the processor's cache still holds it.
         views = [(frame, find_blobs(frame).offset) for frame in map(Camera.frame, self.cameras)]
         self._frames = tuple(frame for frame, _ in views)
         self._set_offsets(np.array([offset for _, offset in views]))
+
+    def _place_markers(self) -> None:
+        """Put the red marker where the end effector is, and the blue one at the target."""
+        self._end_effector_position = self.arm.end_effector_position
+        for ball, position in zip(self.markers, (self._end_effector_position, self._target_position), strict=True):
+            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
 
     def _set_offsets(self, offsets: Floats) -> None:
         """Remember the offsets, shape (n_views, 2) in [px], and their lengths, d(t) of Eq. 2."""

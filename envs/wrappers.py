@@ -1,5 +1,6 @@
-"""Quantised efforts for learners with discrete actions."""
+"""Quantised efforts for learners with discrete actions, and looks at a pulse while it lasts."""
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -52,3 +53,26 @@ class QuantizedActions(gym.ActionWrapper[Any, np.int64, NDArray[np.float32]]):
         if not self.action_space.contains(action):
             raise ValueError(f"action {action!r}; it must be an integer from 0 to {self._n_actions - 1}")
         return self._values[self.levels_of(int(action)), self._joints]
+
+
+class WatchedPulses(gym.Wrapper[Any, Any, Any, Any]):
+    """Interrupt every pulse to look at the arm on its way; the motion and the step stay the same to the bit.
+
+    Args:
+        env: A `StereoReachEnv`, wrapped or not.
+        look: Called with the efforts [N m] between the parts of a pulse.
+        n_parts: Equal parts of a pulse; it is looked at after each but the last, where the step's own frames are.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], look: Callable[[Sequence[float]], object], n_parts: int = 6) -> None:
+        super().__init__(env)
+        arm: Any = self.unwrapped.arm  # type: ignore[attr-defined]
+        push = arm.push
+
+        def push_in_parts(efforts: Sequence[float], n_steps: int) -> None:
+            for part, steps in enumerate(np.diff(np.linspace(0, n_steps, n_parts + 1, dtype=int))):
+                if part:
+                    look(efforts)
+                push(efforts, int(steps))
+
+        arm.push = push_in_parts

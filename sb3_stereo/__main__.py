@@ -11,13 +11,14 @@ COMMANDS = {
     "evaluate": "score a trained agent on the test poses",
     "plot": "draw the learning curves of runs",
     "sweep": "search hyper-parameters, on one machine or a cluster",
+    "play_images": "find the markers in ordinary images and print the agent's efforts",
 }
 
 USAGE = "\n".join(
     [
         "usage: sb3-stereo [--help] [--version] COMMAND ...",
         "",
-        *(f"  {name:<10}{text}" for name, text in COMMANDS.items()),
+        *(f"  {name:<13}{text}" for name, text in COMMANDS.items()),
         "",
         "Each command has its own --help.",
     ]

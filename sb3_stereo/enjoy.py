@@ -1,8 +1,13 @@
 """Play a trained agent: `python enjoy.py --algo ddpg`, or `sb3-stereo enjoy --algo ddpg`."""
 
 import argparse
+import math
 import os
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_stereo import runtime
@@ -12,15 +17,22 @@ from sb3_stereo.errors import ConfigError
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
+DEFAULT_TIMESTEPS, DEFAULT_FILM_EPISODES = 1000, 5
+
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; the flags are the zoo's."""
     parser = Parser(prog="enjoy.py", description="Play a trained agent and count its successes.")
     add_run_flags(parser)
     add_model_flags(parser)
-    parser.add_argument("-n", "--n-timesteps", type=int, default=1000, help="environment steps (default: 1000)")
+    parser.add_argument("-n", "--n-timesteps", type=int, help=f"environment steps (default: {DEFAULT_TIMESTEPS})")
+    parser.add_argument("--n-episodes", type=int, help=f"episodes (default: {DEFAULT_FILM_EPISODES} with --video)")
     parser.add_argument("--exp-id", type=int, default=0, help="number of the run (default: 0, the latest)")
-    parser.add_argument("--no-render", action="store_true", help="do not open a window")
+    window = parser.add_mutually_exclusive_group()
+    window.add_argument("--no-render", action="store_true", help="do not open a window")
+    window.add_argument("--gui", action="store_true", help="open Bullet's window (the default without --video)")
+    parser.add_argument("--video", type=Path, metavar="FILE", help="film into an .mp4 or .gif")
+    parser.add_argument("--zoom", type=float, default=1.0, help="show the middle of the views larger (default: 1)")
     parser.add_argument("--stochastic", action="store_true", help="explore as in training")
     parser.add_argument("--seed", type=int, default=0, help="seed of the starts (default: 0)")
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
@@ -29,9 +41,14 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def play(
-    model: "BaseAlgorithm", env: Any, n_timesteps: int, seed: int, deterministic: bool = True
+    model: "BaseAlgorithm",
+    env: Any,
+    n_timesteps: float,
+    seed: int,
+    deterministic: bool = True,
+    n_episodes: float = math.inf,
 ) -> list[tuple[bool, int]]:
-    """Play for a number of steps and return success and length of the episodes that ended.
+    """Play, and return success and length of the episodes that ended.
 
     Args:
         model: The agent.
@@ -39,15 +56,19 @@ def play(
         n_timesteps: Environment steps.
         seed: Of the first reset.
         deterministic: False explores.
+        n_episodes: Ends the play too, if it comes earlier.
     """
-    episodes, steps = [], 0
+    episodes: list[tuple[bool, int]] = []
+    played = steps = 0
     observation, _ = env.reset(seed=seed)
-    for _ in range(n_timesteps):
+    while played < n_timesteps:
         action, _ = model.predict(observation, deterministic=deterministic)
         observation, _, terminated, truncated, info = env.step(action)
-        steps += 1
+        played, steps = played + 1, steps + 1
         if terminated or truncated:
             episodes.append((bool(info.get("is_success", terminated)), steps))
+            if len(episodes) >= n_episodes:
+                break
             observation, _ = env.reset()
             steps = 0
     return episodes
@@ -63,6 +84,38 @@ def summary(episodes: list[tuple[bool, int]]) -> str:
     return f"{len(episodes)} episodes, {len(lengths)} reached the target ({rate:.0f} %){steps}"
 
 
+def length(args: argparse.Namespace) -> tuple[float, float]:
+    """Return how many environment steps and how many episodes to play at most."""
+    for flag, value in (("-n", args.n_timesteps), ("--n-episodes", args.n_episodes), ("--zoom", args.zoom)):
+        if value is not None and value <= 0:
+            raise ConfigError(f"{flag} must be positive, got {value}")
+    if args.n_timesteps is None and args.n_episodes is None:
+        return (math.inf, DEFAULT_FILM_EPISODES) if args.video else (DEFAULT_TIMESTEPS, math.inf)
+    return args.n_timesteps or math.inf, args.n_episodes or math.inf
+
+
+@contextmanager
+def watched(env: Any, window: bool, video: Path | None, zoom: float) -> Iterator[Any]:
+    """Wrap an environment so that a person can watch it: in real time on a window, or on film."""
+    from sb3_stereo.envs.wrappers import WatchedPulses
+    from sb3_stereo.film import N_PARTS, Filmed, make_writer
+
+    if (window or video) and not hasattr(env.unwrapped, "draw"):
+        raise ConfigError(f"{env.spec.id} cannot be watched, only environments of sb3_stereo can; add --no-render")
+    pause = 1 / (N_PARTS * env.metadata.get("render_fps", 1))
+    if window:
+        env = WatchedPulses(env, lambda _: time.sleep(pause), N_PARTS)
+    if video is None:
+        yield env
+        return
+    writer = make_writer(video, 1 / pause)
+    try:
+        yield Filmed(env, writer, zoom)
+    finally:
+        writer.close()
+    print(f"Filmed into {video}")
+
+
 def enjoy_command(args: argparse.Namespace) -> int:
     """Load a run, play it and print its success."""
     runtime.tune_allocator()
@@ -72,9 +125,10 @@ def enjoy_command(args: argparse.Namespace) -> int:
     from sb3_stereo.runs import find_run, import_packages, load_record, model_path
     from sb3_stereo.values import parse_assignments
 
-    render = not args.no_render
-    if render and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise ConfigError("there is no display to open a window on; add --no-render")
+    window = args.gui or not (args.no_render or args.video)
+    if window and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise ConfigError("there is no display to open a window on; add --no-render or --video FILE.mp4")
+    n_timesteps, n_episodes = length(args)
     import_packages(args.gym_packages)
     check_env_id(args.env)
     check_device(args.device)
@@ -84,13 +138,15 @@ def enjoy_command(args: argparse.Namespace) -> int:
     runtime.set_threads(args.num_threads)
     print(f"Loading {path}")
     model = load_model(config, path, args.device, args.trust)
-    window = {"render_mode": "human"} if render else {}
-    env_kwargs = {**config.env_kwargs, **parse_assignments(args.env_kwargs), **window}
+    render_mode = {"render_mode": "human"} if window else {}
+    env_kwargs = {**config.env_kwargs, **parse_assignments(args.env_kwargs), **render_mode}
     env = make_env(config.env_id, env_kwargs, config.env_wrapper)()
     try:
-        print(summary(play(model, env, args.n_timesteps, args.seed, not args.stochastic)))
+        with watched(env, window, args.video, args.zoom) as watched_env:
+            episodes = play(model, watched_env, n_timesteps, args.seed, not args.stochastic, n_episodes)
     finally:
         env.close()
+    print(summary(episodes))
     return 0
 
 

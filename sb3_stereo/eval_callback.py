@@ -11,6 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_stereo.building import VEC_ENVS
 from sb3_stereo.evaluation import Evaluation, Start, evaluate
 from sb3_stereo.models import save_model
+from sb3_stereo.progress import say
 from sb3_stereo.runs import BEST_MODEL, EVALUATIONS
 
 OnScore = Callable[[Path], None]
@@ -100,7 +101,7 @@ class PoseEvalCallback(BaseCallback):
         self.logger.dump(self.num_timesteps)
         self._keep_best(result)
         if self.verbose:
-            print(f"{self.num_timesteps} steps: {describe(result)}", flush=True)
+            say(f"{self.num_timesteps} steps: {describe(result)}")
         return result
 
     def state_dict(self) -> dict[str, Any]:

@@ -33,6 +33,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.eval_callback import describe
     from sb3_stereo.evaluation import evaluate, random_starts, test_starts
     from sb3_stereo.models import load_model
+    from sb3_stereo.progress import Bar
     from sb3_stereo.runs import import_packages, load_record, model_path
 
     if args.poses < 0 or args.seed < 0:
@@ -44,13 +45,15 @@ def evaluate_command(args: argparse.Namespace) -> int:
     runtime.set_threads(args.num_threads)
     starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id)
     n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
-    result = evaluate(
+    model, env_fn = (
         load_model(config, path, args.device, args.trust),
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
-        starts,
-        n_envs,
-        VEC_ENVS["subproc" if n_envs > 1 else "dummy"],
     )
+    bar = Bar(len(starts), "pose") if args.verbose else Bar(len(starts), "pose", bar=False, interval=math.inf)
+    try:
+        result = evaluate(model, env_fn, starts, n_envs, VEC_ENVS["subproc" if n_envs > 1 else "dummy"], bar.update)
+    finally:
+        bar.close()
     print(json.dumps(json_scores(result.scores())) if args.json else f"{path}: {describe(result)}")
     return 0
 

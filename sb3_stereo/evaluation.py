@@ -173,6 +173,7 @@ def evaluate(
     starts: Sequence[Start],
     n_envs: int = 1,
     vec_env_cls: type[DummyVecEnv] | type[SubprocVecEnv] = DummyVecEnv,
+    progress: Callable[[int], object] = lambda n_done: None,
 ) -> Evaluation:
     """Score an agent's deterministic actions, one episode from each start.
 
@@ -184,13 +185,14 @@ def evaluate(
         starts: Resets to begin from, at least one.
         n_envs: Environments that are stepped together, each with its share of the starts.
         vec_env_cls: How they are stepped.
+        progress: Called with the number of finished starts.
     """
     if not starts:
         raise ConfigError("there is nothing to score: give at least one pose")
     shares = [starts[i::n_envs] for i in range(min(n_envs, len(starts)))]
     env = vec_env_cls([_starting(env_fn, share) for share in shares])
     try:
-        return _Scoring(model, env, [len(share) for share in shares]).run()
+        return _Scoring(model, env, [len(share) for share in shares]).run(progress)
     finally:
         env.close()
 
@@ -212,13 +214,14 @@ class _Scoring:
         self.actions: list[float] = []
         self.q_values: list[float] = []
 
-    def run(self) -> Evaluation:
+    def run(self, progress: Callable[[int], object]) -> Evaluation:
         observations: Any = self.env.reset()
         while any(done < count for done, count in zip(self.finished, self.counts, strict=True)):
             actions = np.array([self._act(i, observations[i]) for i in range(self.env.num_envs)])
             observations, rewards, dones, infos = self.env.step(actions)
             for i in range(self.env.num_envs):
                 self._record(i, float(rewards[i]), bool(dones[i]), infos[i])
+            progress(len(self.records))
         columns = zip(*(self.records[i] for i in sorted(self.records)), strict=True)
         success, steps, distance, returns = (np.array(column) for column in columns)
         cap = self.env.get_attr("spec")[0].max_episode_steps or int(steps.max())

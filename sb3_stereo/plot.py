@@ -3,6 +3,7 @@
 import argparse
 import csv
 import sys
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_stereo import tables
 from sb3_stereo.cli import Parser, run_command
-from sb3_stereo.config import Config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs import EVALUATIONS, load_record
 
@@ -55,7 +56,7 @@ def group_runs(runs: Sequence[Path]) -> list[Curves]:
     """Put runs of equal configuration together, and label the groups by what differs."""
     groups: list[tuple[dict[str, Any], list[Path]]] = []
     for run in runs:
-        settings = flatten(load_record(run)[0])
+        settings = tables.settings(load_record(run)[0])
         members = next((members for known, members in groups if known == settings), None)
         if members is None:
             groups.append((settings, [run]))
@@ -63,19 +64,6 @@ def group_runs(runs: Sequence[Path]) -> list[Curves]:
             members.append(run)
     everything = [settings for settings, _ in groups]
     return [_curves(label(settings, everything), members) for settings, members in groups]
-
-
-def flatten(config: Config) -> dict[str, Any]:
-    """A configuration with dotted keys, `policy_kwargs.n_critics`, and the algorithm."""
-
-    def walk(prefix: str, value: Any) -> dict[str, Any]:
-        if not isinstance(value, Mapping):
-            return {prefix: value}
-        return {
-            k: v for key, inner in value.items() for k, v in walk(f"{prefix}.{key}" if prefix else key, inner).items()
-        }
-
-    return {"algo": config.algo, **walk("", config.plain())}
 
 
 def label(settings: Mapping[str, Any], everything: Sequence[Mapping[str, Any]]) -> str:
@@ -98,35 +86,40 @@ def _curves(name: str, runs: Sequence[Path]) -> Curves:
 
 
 def draw(groups: Sequence[Curves], file: Path) -> None:
-    """Draw a panel per score: the mean over runs and its 95 % bootstrap interval."""
+    """Draw a panel per score that is known: the mean over runs and its 95 % bootstrap interval."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    from sb3_stereo.intervals import interval
-
-    figure, axes = plt.subplots(1, len(PANELS), figsize=(4 * len(PANELS), 3.6), layout="constrained")
-    for (column, title), panel in zip(PANELS.items(), axes, strict=True):
+    known = [c for c in PANELS if c == "success_rate" or any(np.isfinite(group.scores[c]).any() for group in groups)]
+    figure, axes = plt.subplots(1, len(known), figsize=(4 * len(known), 3.6), layout="constrained", squeeze=False)
+    for column, panel in zip(known, axes[0], strict=True):
         for group in groups:
-            values = group.scores[column]
-            shown = np.isfinite(values).any(axis=0)  # e.g. no steps before the first success
-            steps, known = group.timesteps[shown], [row[np.isfinite(row)] for row in values[:, shown].T]
-            (curve,) = panel.plot(steps, [row.mean() for row in known], marker="o", markersize=3, label=group.label)
-            if len(values) > 1 and known:
-                panel.fill_between(
-                    steps, *np.transpose([interval(row) for row in known]), alpha=0.2, color=curve.get_color()
-                )
-        panel.set(title=title, xlabel="environment steps")
+            _draw_curve(panel, group, column)
+        panel.set(title=PANELS[column], xlabel="environment steps")
         panel.grid(alpha=0.3)
-    axes[0].set(ylim=(-0.03, 1.03))
-    axes[0].legend(fontsize="small")
+    axes[0, 0].set(ylim=(-0.03, 1.03))
+    labels = [textwrap.fill(group.label, 28 * len(known)) for group in groups]
+    figure.legend(axes[0, 0].get_lines(), labels, loc="outside lower left", fontsize="small")
     try:
         figure.savefig(file, dpi=120)
     except OSError as error:
         raise ConfigError(f"cannot write '{file}' ({error.strerror}); choose another with -o") from error
     finally:
         plt.close(figure)
+
+
+def _draw_curve(panel: Any, group: Curves, column: str) -> None:
+    values = group.scores[column]
+    shown = np.isfinite(values).any(axis=0)  # e.g. no steps before the first success
+    steps, known = group.timesteps[shown], [row[np.isfinite(row)] for row in values[:, shown].T]
+    (curve,) = panel.plot(steps, [row.mean() for row in known], marker="o", markersize=3)
+    if len(values) > 1 and known:
+        from sb3_stereo.intervals import interval
+
+        low, high = np.transpose([interval(row) for row in known])
+        panel.fill_between(steps, low, high, alpha=0.2, color=curve.get_color())
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -22,6 +22,11 @@ class BorrowedEncoder(BaseFeaturesExtractor):
         super().__init__(encoder._observation_space, encoder.features_dim)
         self._lender = (encoder,)  # the tuple hides it from torch's registry
 
+    @property
+    def lender(self) -> BaseFeaturesExtractor:
+        """The encoder itself."""
+        return self._lender[0]
+
     def forward(self, observations: th.Tensor) -> th.Tensor:
         """Map images (batch, channels, height, width) in [0, 1] to detached features (batch, features_dim)."""
         with th.no_grad():

@@ -60,6 +60,7 @@ def train_command(args: argparse.Namespace) -> int:
     runtime.tune_allocator()
     if args.resume:
         return resume_command(args)
+    from sb3_stereo import tables
     from sb3_stereo.config import load_config
     from sb3_stereo.runs import import_packages
     from sb3_stereo.training import Options, train
@@ -72,7 +73,8 @@ def train_command(args: argparse.Namespace) -> int:
     n_threads = runtime.set_threads(args.num_threads)
     seed = args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31)
     if args.verbose:
-        print(f"Training {config.algo} on {config.env_id}, seed {seed}, {n_threads} threads", flush=True)
+        print(f"Training {config.algo} on {config.env_id}, seed {seed}, {n_threads} threads, with")
+        print(tables.settings_table(config), flush=True)
     options = Options(
         seed=seed,
         log_folder=args.log_folder,
@@ -89,7 +91,19 @@ def train_command(args: argparse.Namespace) -> int:
     )
     start = time.monotonic()
     result = train(config, options, vars(args) | {"seed": seed, "num_threads": n_threads})
-    print(last_line(result, time.monotonic() - start))
+    return report(result, time.monotonic() - start, args.verbose)
+
+
+def report(result: "Result", seconds: float, verbose: int) -> int:
+    """Say how a training went and return the exit status."""
+    from sb3_stereo import tables
+    from sb3_stereo.plot import read_scores
+    from sb3_stereo.runs import BEST_MODEL
+
+    if verbose and result.evaluation is not None:
+        print(f"\nScores:\n{tables.score_table(read_scores(result.run))}")
+        print(f"The best one is {BEST_MODEL}: watch it with enjoy.py --load-best\n")
+    print(last_line(result, seconds))
     return INTERRUPTED if result.interrupted else 0
 
 
@@ -105,9 +119,7 @@ def resume_command(args: argparse.Namespace) -> int:
     run = Path(args.resume)
     runtime.set_threads(load_record(run)[1].get("num_threads", -1))
     start = time.monotonic()
-    result = resume(run, args.verbose)
-    print(last_line(result, time.monotonic() - start))
-    return INTERRUPTED if result.interrupted else 0
+    return report(resume(run, args.verbose), time.monotonic() - start, args.verbose)
 
 
 def check_flags(args: argparse.Namespace) -> None:
@@ -128,9 +140,10 @@ def check_flags(args: argparse.Namespace) -> None:
 def last_line(result: "Result", seconds: float) -> str:
     """Return what a person wants to know at the end."""
     from sb3_stereo.eval_callback import describe
+    from sb3_stereo.progress import duration
     from sb3_stereo.runs import how_to_resume
 
-    took = f"{seconds / 60:.0f} min" if seconds >= 120 else f"{seconds:.0f} s"
+    took = duration(seconds)
     run = f"run: {os.path.relpath(result.run)}"
     if result.interrupted:
         after = f"after {result.n_timesteps} steps in {took}"

@@ -24,6 +24,7 @@ from sb3_stereo.eval_callback import OnScore, PoseEvalCallback, checkpoints
 from sb3_stereo.evaluation import Evaluation, test_starts
 from sb3_stereo.files import cut_back
 from sb3_stereo.models import load_weights, save_model
+from sb3_stereo.pictures import TensorboardPictures
 from sb3_stereo.progress import Progress
 from sb3_stereo.runs import (
     EVALUATIONS,
@@ -174,6 +175,7 @@ def _train_in(
         model.set_logger(_logger(run, tensorboard, options.verbose))
         scoring = make_scoring(config, options, run, on_score)
         callbacks = [*make_callbacks(config), *_own_callbacks(options), scoring]
+        callbacks += [TensorboardPictures(scoring, options.seed)] if tensorboard else []
         checkpoint = Checkpoint(run, options.save_freq, callbacks, lambda: _logs(run, tensorboard), state)
         with signals_interrupt():
             interrupted = _learn(model, config, [*callbacks, checkpoint])

@@ -81,6 +81,14 @@ def override_all(values: Mapping[str, Any], params: Mapping[str, Any] | None) ->
     return values
 
 
+def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return a map of maps as one map with dotted keys, as in `policy_kwargs.n_critics`."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+    return flat
+
+
 def override(values: Mapping[str, Any], path: Sequence[str], value: Any, name: str) -> dict[str, Any]:
     """Return a copy of the map with the value at the path replaced."""
     first, *rest = path

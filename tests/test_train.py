@@ -209,7 +209,9 @@ def test_playing_without_a_run_or_a_display_says_what_to_do(
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     assert enjoy.main([*ENV, "-f", str(logs)]) == 2
-    assert capsys.readouterr().err == "error: there is no display to open a window on; add --no-render\n"
+    assert capsys.readouterr().err == (
+        "error: there is no display to open a window on; add --no-render or --video FILE.mp4\n"
+    )
 
 
 def test_the_module_lists_its_commands(capsys: pytest.CaptureFixture[str]) -> None:
@@ -219,4 +221,5 @@ def test_the_module_lists_its_commands(capsys: pytest.CaptureFixture[str]) -> No
     assert __main__.main(["--version"]) == 0
     assert capsys.readouterr().out == "sb3_stereo 0.1.0\n"
     assert __main__.main(["tarin"]) == 2
-    assert capsys.readouterr().err == "error: unknown command 'tarin'; commands are train, enjoy, evaluate, plot, sweep\n"
+    commands = ", ".join(__main__.COMMANDS)
+    assert capsys.readouterr().err == f"error: unknown command 'tarin'; commands are {commands}\n"

@@ -1,0 +1,148 @@
+"""Pictures for people: the views with what is found in them, the image that the network sees, efforts and words."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.markers import Blobs, find_blobs
+
+Image = NDArray[np.uint8]  # RGB, (height, width, 3)
+Colour = tuple[int, int, int]
+
+VIEW_HEIGHT, NETWORK_HEIGHT, LINE_HEIGHT, BORDER, BAR = 360, 252, 34, 12, 90  # [px]
+PAPER: Colour = (238, 238, 238)
+INK, PALE, WHITE, RED, BLUE, GREEN = (
+    (40, 40, 40),
+    (120, 120, 120),
+    (255, 255, 255),
+    (190, 0, 0),
+    (0, 0, 190),
+    (0, 130, 60),
+)
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+
+
+class View(NamedTuple):
+    """One camera's frame, RGB or RGBA, the markers in it, and what it is called."""
+
+    name: str
+    frame: Image
+    blobs: Blobs
+
+
+class Effort(NamedTuple):
+    """What one joint is to do: [N m], and the share of its limit, -1 to 1."""
+
+    joint: str
+    torque: float
+    share: float
+
+
+def look(env: Any) -> list[View]:
+    """What the cameras of a `StereoReachEnv`, wrapped or not, see now, and the markers as its reward finds them."""
+    task = env.unwrapped
+    names = [camera.spec.name for camera in task.cameras]
+    return [View(name, frame, find_blobs(frame)) for name, frame in zip(names, task.draw(), strict=True)]
+
+
+class Story(NamedTuple):
+    """What the pictures do not say: lines of text, efforts, and how it ended (green if well)."""
+
+    lines: Sequence[str]
+    efforts: Sequence[Effort] = ()
+    verdict: str = ""
+    good: bool = True
+
+
+def scene(views: Sequence[View], observation: Image, story: Story, zoom: float = 1.0) -> Image:
+    """Put everything into one picture: the views above, the observation and the story below.
+
+    Args:
+        views: In camera order.
+        observation: What the network sees, (1, height, width).
+        story: The rest.
+        zoom: Shows the middle of the views this much larger.
+    """
+    above = side_by_side(views, zoom)
+    below = _row([_titled("what the network sees", _squares(observation[0]))])
+    told = _told(story, (below.shape[0], max(above.shape[1] - below.shape[1], 420)))
+    rows = [above, np.hstack([below, told])]
+    width = max(row.shape[1] for row in rows)
+    rows = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=PAPER[0]) for row in rows]
+    picture: Image = np.vstack(rows)
+    return picture[: picture.shape[0] // 2 * 2, : width // 2 * 2]  # films want even sizes
+
+
+def side_by_side(views: Sequence[View], zoom: float = 1.0) -> Image:
+    """Draw the views in a row, each with its name and what is found in it."""
+    return _row([_titled(view.name, annotated(view, zoom)) for view in views])
+
+
+def annotated(view: View, zoom: float = 1.0) -> Image:
+    """Enlarge a view and draw a ring around each blob, the line between them and its length in [px]."""
+    height, width = view.frame.shape[:2]
+    scale = VIEW_HEIGHT / height * zoom
+    hidden = np.array([width, height]) * scale * (1 - 1 / zoom) / 2  # left and above of what is shown
+    size = round(width * scale / zoom), VIEW_HEIGHT
+    shift = np.array([[scale, 0, (scale - 1) / 2 - hidden[0]], [0, scale, (scale - 1) / 2 - hidden[1]]])
+    picture = cv2.warpAffine(view.frame[:, :, :3], shift, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    points = [np.rint(shift @ [*centroid, 1]) for centroid in view.blobs]
+    if not np.isnan(points).any():
+        first, second = (point.astype(int).tolist() for point in points)
+        cv2.line(picture, first, second, INK, 1, cv2.LINE_AA)
+        corner = ((first[0] + second[0]) // 2 - 34, min(first[1], second[1]) - 26)
+        cv2.rectangle(picture, corner, (corner[0] + 72, corner[1] - 18), WHITE, cv2.FILLED)
+        _write(picture, f"{np.hypot(*view.blobs.offset):.1f} px", corner, INK)
+    for point, colour in zip(points, (RED, BLUE), strict=True):
+        if not np.isnan(point).any():
+            centre = point.astype(int).tolist()
+            cv2.circle(picture, centre, 17, colour, 2, cv2.LINE_AA)
+            cv2.drawMarker(picture, centre, WHITE, cv2.MARKER_CROSS, 9, 1)
+    return np.asarray(picture, np.uint8)
+
+
+def _squares(luminance: Image) -> Image:
+    """Show every pixel of a grey image (height, width) as a square."""
+    factor = max(1, NETWORK_HEIGHT // luminance.shape[0])
+    return np.repeat(np.kron(luminance, np.ones((factor, factor), np.uint8))[:, :, None], 3, axis=2)
+
+
+def _titled(title: str, picture: Image) -> Image:
+    framed = _paper(picture.shape[0] + LINE_HEIGHT, picture.shape[1] + BORDER)
+    framed[LINE_HEIGHT:, BORDER:] = picture
+    _write(framed, title, (BORDER, LINE_HEIGHT - 10), PALE)
+    return framed
+
+
+def _row(pictures: Sequence[Image]) -> Image:
+    return np.pad(np.hstack(pictures), ((0, BORDER // 2), (0, BORDER), (0, 0)), constant_values=PAPER[0])
+
+
+def _told(story: Story, size: tuple[int, int]) -> Image:
+    """Write the story on a paper of the size (height, width)."""
+    paper = _paper(*size)
+    x, y = 2 * BORDER, LINE_HEIGHT + 18
+    for line in story.lines:
+        _write(paper, line, (x, y), INK)
+        y += 28
+    _write(paper, story.verdict, (x, size[0] - 3 * BORDER), GREEN if story.good else RED, 1.3, 3)
+    middle = size[1] - 2 * BORDER - 140 - BAR
+    for row, effort in enumerate(story.efforts):
+        y = LINE_HEIGHT + 18 + 28 * row
+        end = middle + round(BAR * effort.share)
+        cv2.rectangle(paper, (min(middle, end), y - 14), (max(middle, end), y), PALE, cv2.FILLED)
+        cv2.line(paper, (middle, y - 18), (middle, y + 4), INK, 1)
+        _write(paper, effort.joint, (middle - BAR - 40, y), PALE, 0.5)
+        _write(paper, f"{effort.torque:+.1f} N m", (middle + BAR + 20, y), INK, 0.5)
+    return paper
+
+
+def _paper(height: int, width: int) -> Image:
+    return np.full((height, width, 3), PAPER, np.uint8)
+
+
+def _write(paper: Any, text: str, corner: Sequence[int], colour: Colour, size: float = 0.6, weight: int = 1) -> None:
+    cv2.putText(paper, text, corner, FONT, size, colour, weight, cv2.LINE_AA)
