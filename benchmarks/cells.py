@@ -11,8 +11,12 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
+from sb3_stereo.config import Config, load_config
 from sb3_stereo.progress import Bar, say
-from sb3_stereo.runs import versions
+from sb3_stereo.runs import EVALUATIONS, has_ended, versions
+from sb3_stereo.train import make_parser
+from sb3_stereo.tuning.records import find_trial
+from sb3_stereo.values import parse_assignments
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -39,6 +43,13 @@ class Row:
         """What a person would type to train the same cell."""
         length = ["-n", str(self.checkpoints[-1])]
         return ["python", "train.py", "--algo", self.algo, *self.arguments, "--seed", str(seed), *length]
+
+    def config(self) -> Config:
+        """What that command learns."""
+        args = make_parser().parse_args(self.command(seed=0)[2:])
+        return load_config(
+            args.algo, args.env, args.conf_file, parse_assignments(args.hyperparams), n_timesteps=args.n_timesteps
+        )
 
     @property
     def record(self) -> Path:
@@ -104,17 +115,31 @@ def describe(line: dict[str, str]) -> str:
 
 
 def train_cell(row: Row, seed: int, logs: Path) -> list[dict[str, str]]:
-    """Train one cell in a process of its own, with one thread, and return its scores with where they come from."""
+    """Train one cell in a process of its own, with one thread, and return its scores with where they come from.
+
+    A run of the same settings that was interrupted goes on from its last checkpoint.
+    """
     folder = logs / row.name / f"seed_{seed}"
     folder.mkdir(parents=True, exist_ok=True)
-    runs_before = set(folder.glob("*/*/"))
-    command = [sys.executable, "-m", "sb3_stereo.train", *row.command(seed)[2:], "-f", str(folder)]
-    with (folder / "output.txt").open("w", encoding="utf-8") as output:
-        subprocess.run([*command, "--num-threads", "1", "--n-eval-envs", "1"], stdout=output, stderr=output, check=True)
-    (run,) = set(folder.glob("*/*/")) - runs_before
+    config = row.config()
+    run = find_trial(folder, config, seed)
+    if run is None:
+        flags = ("-f", str(folder), "--num-threads", "1", "--n-eval-envs", "1")
+        train([*row.command(seed)[2:], *flags], folder)
+    elif not has_ended(run, config):
+        train(["--resume", str(run)], folder)
+    run = find_trial(folder, config, seed)
+    assert run is not None  # else the training would have failed
     provenance = {
         "command": " ".join(row.command(seed)),
         "versions": ", ".join(f"{name} {found}" for name, found in versions().items()),
     }
-    with (run / "evaluations.csv").open(newline="", encoding="utf-8") as file:
+    with (run / EVALUATIONS).open(newline="", encoding="utf-8") as file:
         return [{"seed": str(seed), **line, **provenance} for line in csv.DictReader(file)]
+
+
+def train(arguments: Sequence[str], folder: Path) -> None:
+    """Call `train.py` and keep what it prints."""
+    with (folder / "output.txt").open("a", encoding="utf-8") as output:
+        command = [sys.executable, "-m", "sb3_stereo.train", *arguments]
+        subprocess.run(command, stdout=output, stderr=output, check=True)
