@@ -6,7 +6,7 @@ PYTHON := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt
 TORCH_INDEX ?=
-EXTRAS := progress,tensorboard,film,plots,sweep,benchmarks,tests,dev
+EXTRAS := progress,tensorboard,contrib,film,plots,sweep,benchmarks,tests,dev
 ARGS ?=
 
 .PHONY: help venv train test test-slow test-zoo lint benchmark clean

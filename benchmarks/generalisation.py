@@ -28,6 +28,7 @@ from sb3_stereo.policies import StereoDDPGPolicy
 from sb3_stereo.runtime import available_cores
 
 ENV_ID = "WamStereoReach-v0"
+WAM_MIRRORED_JOINTS = (0, 2)  # J1 and J3
 BATCH_SIZE = 100
 N_TEST = 2000
 EPISODE_LENGTH = 20  # shorter than the environment's: more poses
@@ -73,7 +74,9 @@ def fill_buffer(transitions: Transitions, mirror_probability: float) -> StereoRe
     """A replay buffer with these transitions."""
     n, *shape = transitions.observations.shape
     images, efforts = Box(0, 255, tuple(shape), np.uint8), Box(-1, 1, transitions.actions.shape[1:])
-    buffer = StereoReplayBuffer(n, images, efforts, device="cpu", mirror_probability=mirror_probability)
+    buffer = StereoReplayBuffer(
+        n, images, efforts, device="cpu", mirrored_joints=WAM_MIRRORED_JOINTS, mirror_probability=mirror_probability
+    )
     for image, next_image, action, reward, offsets in zip(*transitions, strict=True):
         buffer.add(image[None], next_image[None], action[None], reward[None], np.zeros(1), [{OFFSETS: offsets}])
     return buffer

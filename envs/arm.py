@@ -1,74 +1,28 @@
-"""An arm in Bullet: its specification, its poses, and pulses of effort."""
+"""An arm in Bullet: its poses, and pulses of effort."""
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from importlib.resources import as_file, files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pybullet
+import pybullet_data
 from numpy.typing import ArrayLike, NDArray
 
-Vector = tuple[float, float, float]
+from sb3_stereo.envs.robots import ArmSpec
+from sb3_stereo.envs.specs import require, require_known
+
 Floats = NDArray[np.float64]
 
+HOLDING_EFFORT = 100.0  # [N m], of a joint that is not actuated
+PARENT = 16  # of getJointInfo
 LINK_ORIGIN, LINK_ORIENTATION = 4, 5  # of getLinkState: the URDF frame, not the centre of mass
 
 
-@dataclass(frozen=True)
-class ArmSpec:
-    """What the task must know of a robot.
-
-    Attributes:
-        urdf: File in `envs/assets`, or any path.
-        joints: The actuated joints' names, in the order of the action.
-        end_effector_link: Link that carries the red marker.
-        end_effector_offset: Middle of the marker in that link's frame, in [m].
-        effort_limits: Effort of a full action per actuated joint, in [N m].
-        damping: Viscous damping per actuated joint, in [N m s/rad].
-        drive_inertia: Rotor inertia seen at a joint, in [kg m^2], as (link, about its x, y and z axis).
-        collision_exempt: Pairs of links that may overlap.
-        marker_radius: Of both markers, in [m].
-    """
-
-    urdf: str
-    joints: tuple[str, ...]
-    end_effector_link: str
-    end_effector_offset: Vector
-    effort_limits: tuple[float, ...]
-    damping: tuple[float, ...]
-    drive_inertia: tuple[tuple[str, Vector], ...] = ()
-    collision_exempt: tuple[tuple[str, str], ...] = ()
-    marker_radius: float = 0.07
-
-
-WAM = ArmSpec(
-    urdf="wam.urdf",
-    joints=("J1", "J2", "J3", "J4"),
-    end_effector_link="palm",
-    end_effector_offset=(0.0, 0.0, 0.0609),  # d7, libbarrett
-    # Chosen, not Barrett's: with this damping a full pulse of 0.5 s moves each joint by about a radian.
-    effort_limits=(20.0, 30.0, 10.0, 5.0),
-    damping=(8.0, 10.0, 4.0, 2.0),
-    # Rotor inertia times the squared gear ratio (AC-02, Barrett's motor page).
-    drive_inertia=(
-        ("shoulder_yaw", (0.0, 0.0, 0.2052)),
-        ("shoulder_pitch_drive", (0.0, 0.1888, 0.0)),
-        ("upper_arm", (0.0, 0.0, 0.0669)),
-        ("forearm", (0.0, 0.0346, 0.0)),
-        ("wrist_yaw", (0.0, 0.0, 0.00323)),
-        ("wrist_pitch", (0.0, 0.00323, 0.0)),
-        ("palm", (0.0, 0.0, 0.000317)),
-    ),
-    # The palm's and the wrist's shapes overlap their neighbours' by construction.
-    collision_exempt=(("forearm", "wrist_pitch"), ("forearm", "wrist_yaw"), ("shoulder_yaw", "upper_arm")),
-)
-
-
 class Arm:
-    """An `ArmSpec` in one Bullet client, fixed to the world at the origin.
-
-    Joints that are not actuated are held at 0.
+    """An `ArmSpec` in one Bullet client, fixed to the world.
 
     Args:
         spec: The robot.
@@ -77,24 +31,36 @@ class Arm:
 
     def __init__(self, spec: ArmSpec, client: Any) -> None:
         self.spec, self._client = spec, client
-        self.body: int = _load(spec.urdf, client)
+        self.body = _load(spec, client)
         infos = [client.getJointInfo(self.body, joint) for joint in range(client.getNumJoints(self.body))]
         self._links = {info[12].decode(): info[0] for info in infos}
+        self._names = {-1: client.getBodyInfo(self.body)[0].decode()} | {i: name for name, i in self._links.items()}
         moving = {info[1].decode(): info for info in infos if info[2] != pybullet.JOINT_FIXED}
-        for joint in spec.joints:
-            _known("joint", joint, moving)
-        for link in (spec.end_effector_link, *(link for link, _ in spec.drive_inertia)):
-            _known("link", link, self._links)
+        self._check_names(moving)
         self._moving = [info[0] for info in moving.values()]
         self.actuated = [moving[joint][0] for joint in spec.joints]
         self._actuated_of_moving = [self._moving.index(joint) for joint in self.actuated]
+        rest = dict(spec.rest)
+        self._rest: Floats = np.array([rest.get(joint, 0.0) for joint in moving])
         self._hand = self._links[spec.end_effector_link]
-        self.limits: Floats = np.array([moving[joint][8:10] for joint in spec.joints])  # (n_joints, 2) [rad]
+        self.limits: Floats = np.array([_limits(moving[joint]) for joint in spec.joints])  # (n_joints, 2) [rad]
         self._set_up_joints(spec.damping)
         for link, inertia in spec.drive_inertia:
             self._add_inertia(self._links[link], np.array(inertia))
+        links = {name: link for link, name in self._names.items()}
         for pair in spec.collision_exempt:
-            client.setCollisionFilterPair(self.body, self.body, *(self._links[link] for link in pair), 0)
+            client.setCollisionFilterPair(self.body, self.body, *(links[link] for link in pair), 0)
+        for link, color in spec.link_colors:
+            client.changeVisualShape(self.body, links[link], rgbaColor=(*color, 1.0))
+
+    def _check_names(self, joints: Iterable[str]) -> None:
+        spec = self.spec
+        for joint in (*spec.joints, *dict(spec.rest)):
+            require_known("joint", joint, joints, "the robot's moving ones")
+        for link in (spec.end_effector_link, *dict(spec.drive_inertia)):
+            require_known("link", link, self._links, "the robot's moving ones")
+        for link in (*(link for pair in spec.collision_exempt for link in pair), *dict(spec.link_colors)):
+            require_known("link", link, self._names.values(), "the robot's")
 
     def _set_up_joints(self, damping: Iterable[float]) -> None:
         client, body = self._client, self.body
@@ -108,8 +74,9 @@ class Arm:
         )
         held = [joint for joint in self._moving if joint not in self.actuated]
         if held:
+            targets = [self._rest[self._moving.index(joint)] for joint in held]
             client.setJointMotorControlArray(
-                body, held, pybullet.POSITION_CONTROL, targetPositions=[0.0] * len(held), forces=[100.0] * len(held)
+                body, held, pybullet.POSITION_CONTROL, targetPositions=targets, forces=[HOLDING_EFFORT] * len(held)
             )
 
     def set_damping(self, damping: Iterable[float]) -> None:
@@ -137,6 +104,20 @@ class Arm:
         return np.array([state[0] for state in self._client.getJointStates(self.body, self._moving)])
 
     @property
+    def actuated_positions(self) -> Floats:
+        """Of the actuated joints, shape (n_joints,), in [rad]."""
+        return self.joint_positions[self._actuated_of_moving]
+
+    @property
+    def chain_positions(self) -> Floats:
+        """Origins of the frames of the links from the end effector's back to the base's, (n_links, 3), [m], world."""
+        chain = [self._hand]
+        while (parent := self._client.getJointInfo(self.body, chain[-1])[PARENT]) >= 0:
+            chain.append(parent)
+        states = self._client.getLinkStates(self.body, chain, computeForwardKinematics=True)
+        return np.array([state[LINK_ORIGIN] for state in states])
+
+    @property
     def end_effector_position(self) -> Floats:
         """Middle of the end effector's marker, shape (3,), in [m], world."""
         state = self._client.getLinkState(self.body, self._hand, computeForwardKinematics=True)
@@ -147,14 +128,14 @@ class Arm:
         )
 
     def rest_at(self, positions: ArrayLike) -> None:
-        """Put the actuated joints at `positions`, shape (n_joints,), in [rad], the others at 0, all at rest."""
-        everywhere = np.zeros(len(self._moving))
+        """Put the actuated joints at `positions`, shape (n_joints,), in [rad], the others at `rest`, all still."""
+        everywhere = self._rest.copy()
         everywhere[self._actuated_of_moving] = positions
         self._client.resetJointStatesMultiDof(self.body, self._moving, everywhere[:, None].tolist())
 
     def brake(self) -> None:
         """Stop every joint where it is: an ideal brake."""
-        self.rest_at(self.joint_positions[self._actuated_of_moving])
+        self.rest_at(self.actuated_positions)
 
     def push(self, efforts: Sequence[float], n_steps: int) -> None:
         """Apply constant efforts to the actuated joints.
@@ -170,26 +151,37 @@ class Arm:
             apply(body, joints, torque, forces=efforts, physicsClientId=client)
             step(client)
 
+    def contacts(self) -> set[str]:
+        """What touches: two of the arm's links, or a link and what is not of the arm."""
+        self._client.performCollisionDetection()
+        points = self._client.getContactPoints(self.body)
+        return {
+            " and ".join(sorted(self._names[link] if body == self.body else "the floor" for body, link in pair))
+            for pair in {((p[1], p[3]), (p[2], p[4])) for p in points}
+        }
+
     def collides(self) -> bool:
         """Whether the arm touches itself or anything else."""
         self._client.performCollisionDetection()
         return bool(self._client.getContactPoints(self.body))
 
 
-def _load(urdf: str, client: Any) -> int:
-    """Load a file of `envs/assets`, or any other, as a body fixed at the origin."""
+def _limits(info: Sequence[Any]) -> tuple[float, float]:
+    """Lower and upper limit of a joint's `getJointInfo`; a turn for a joint without limits."""
+    low, high = info[8:10]
+    return (low, high) if low < high else (-math.pi, math.pi)
+
+
+def _load(spec: ArmSpec, client: Any) -> int:
+    """Load a robot as a body fixed at its base."""
     flags = (
         pybullet.URDF_USE_INERTIA_FROM_FILE
         | pybullet.URDF_USE_SELF_COLLISION
         | pybullet.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT
+        | (pybullet.URDF_IGNORE_VISUAL_SHAPES if spec.simple_shapes else 0)
     )
     with as_file(files("sb3_stereo.envs") / "assets") as assets:
-        path = assets / urdf  # an absolute path stays itself
-        if not path.is_file():
-            raise ValueError(f"no robot file '{urdf}'; give a URDF of sb3_stereo.envs/assets or an absolute path")
-        return int(client.loadURDF(str(path), useFixedBase=True, flags=flags))
-
-
-def _known(kind: str, name: str, names: Any) -> None:
-    if name not in names:
-        raise ValueError(f"unknown {kind} '{name}'; the robot's are {', '.join(names)}")
+        places = assets, Path(pybullet_data.getDataPath()), Path()
+        found = [place / spec.urdf for place in places if (place / spec.urdf).is_file()]  # a full path stays itself
+        require(bool(found), f"no robot file '{spec.urdf}'; give a path, or a URDF of envs/assets or of pybullet_data")
+        return int(client.loadURDF(str(found[0]), spec.base_position, useFixedBase=True, flags=flags))

@@ -1,6 +1,7 @@
 """Named cameras and their frames, drawn by Bullet's TinyRenderer."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,8 @@ import cv2
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+
+from sb3_stereo.envs.specs import from_map, read_yaml, require
 
 Vector = tuple[float, float, float]
 Frame = NDArray[np.uint8]
@@ -111,6 +114,30 @@ def stereo_pair(distance: float = 4.0, elevation: float = math.radians(15)) -> t
 
 
 STEREO_PAIR = stereo_pair()
+
+
+def camera_specs(cameras: Sequence[CameraSpec | Mapping[str, Any]] | str) -> tuple[CameraSpec, ...]:
+    """Return cameras that are given as themselves, as maps of their fields, or by the path of a YAML file with a list.
+
+    Raises:
+        ValueError: If there is none, or a field is wrong.
+    """
+    given = read_yaml(cameras, "camera") if isinstance(cameras, str) else cameras
+    require(isinstance(given, Sequence) and len(given) > 0, "no cameras; give at least one CameraSpec, or map of one")
+    return tuple(
+        camera if isinstance(camera, CameraSpec) else from_map(CameraSpec, camera, f"camera {number}")
+        for number, camera in enumerate(given, start=1)
+    )
+
+
+def mirror_each_other(cameras: Sequence[CameraSpec]) -> bool:
+    """Whether the views in reverse order are the mirror images of all views through the plane y = 0."""
+    flip = np.array([1.0, -1.0, 1.0])
+    return all(
+        np.allclose([a.position * flip, a.target * flip, a.up * flip], [b.position, b.target, b.up])
+        and (a.horizontal_fov, a.near, a.far) == (b.horizontal_fov, b.near, b.far)
+        for a, b in zip(cameras, reversed(cameras))
+    )
 
 
 class Camera:

@@ -1,7 +1,7 @@
 """The reaching environment: act, simulate, look, judge, return."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +12,12 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_stereo.envs import composite, rewards
-from sb3_stereo.envs.arm import WAM, Arm, ArmSpec
-from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec
+from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.markers import find_blobs
+from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
+from sb3_stereo.envs.specs import plain, require
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -50,8 +52,9 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
 
     Args:
         render_mode: None, "rgb_array" (all views side by side), or "human" (Bullet's window; needs a display).
-        arm: The robot.
-        cameras: The views, in the order of the composite.
+        arm: The robot: an `ArmSpec`, a map of its fields, "wam", "kuka", "panda", or the path of a YAML file.
+        cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or the path of a YAML
+            file with a list of such maps.
         target_position: Of the target, in [m], world.
         rho: Mean pixel distance that counts as reached, in [px] (the paper's 10).
         distance_scale: Pixels by which a change of distance is divided (Eq. 2's normalisation): about the largest
@@ -77,8 +80,8 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self,
         render_mode: str | None = None,
         *,
-        arm: ArmSpec = WAM,
-        cameras: Sequence[CameraSpec] = STEREO_PAIR,
+        arm: ArmSpec | Mapping[str, Any] | str = WAM,
+        cameras: Sequence[CameraSpec | Mapping[str, Any]] | str = STEREO_PAIR,
         target_position: Sequence[float] = (0.5, 0.0, 0.6),
         rho: float = 10.0,
         distance_scale: float = 100.0,
@@ -93,32 +96,59 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"unknown render_mode '{render_mode}'; it is one of None, 'rgb_array', 'human'")
         _positive(rho=rho, distance_scale=distance_scale, pulse_duration=pulse_duration)
-        _require(240 <= physics_rate < math.inf, f"physics_rate is {physics_rate}; give at least 240 Hz")
-        _require(len(cameras) > 0, "no cameras; give at least one CameraSpec")
-        sizes = {f"{camera.width} x {camera.height}" for camera in cameras}
-        _require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
+        require(240 <= physics_rate < math.inf, f"physics_rate is {physics_rate}; give at least 240 Hz")
+        spec, views = arm_spec(arm), camera_specs(cameras)
+        sizes = {f"{view.width} x {view.height}" for view in views}
+        require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self._braked = brake
         self.n_pulse_steps = max(1, round(pulse_duration * physics_rate))
         self._default_target = _vector("target_position", target_position, 3)
-        n_joints = len(arm.joints)
+        n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
-        self.observation_space = Box(0, 255, (1, composite.HEIGHT * len(cameras), composite.WIDTH), np.uint8)
+        self.observation_space = Box(0, 255, (1, composite.HEIGHT * len(views), composite.WIDTH), np.uint8)
 
         self._client = Client(gui=render_mode == "human")
         self._client.setTimeStep(1 / physics_rate)
         self._client.setGravity(*((0.0, 0.0, 0.0) if gravity_compensation else GRAVITY))
         # Without this the order of overlapping pairs, and so a contact's outcome, depends on the past.
         self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
-        self.cameras = tuple(Camera(spec, self._client) for spec in cameras)
+        self.cameras = tuple(Camera(view, self._client) for view in views)
         self._add_floor(drawn=floor)
-        self.arm = Arm(arm, self._client)
+        self.arm = Arm(spec, self._client)
         if damping is not None:
             self.arm.set_damping(_vector("damping", damping, n_joints))
-        self.effort_limits = _vector("effort_limits", effort_limits or arm.effort_limits, n_joints)
-        _require(bool(np.all(self.effort_limits > 0)), f"effort_limits are {effort_limits}; give positive numbers")
-        self.markers = tuple(self._add_ball(colour, arm.marker_radius) for colour in (RED, BLUE))
+        self.effort_limits = _vector("effort_limits", effort_limits or spec.effort_limits, n_joints)
+        require(bool(np.all(self.effort_limits > 0)), f"effort_limits are {effort_limits}; give positive numbers")
+        self.markers = tuple(self._add_ball(colour, spec.marker_radius) for colour in (RED, BLUE))
         self._start = self._client.saveState()
+
+    @staticmethod
+    def plain_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the arguments with files replaced by what they hold, so that a record of them is complete.
+
+        Raises:
+            ValueError: If a robot or a camera among them is wrong.
+        """
+        resolved = dict(kwargs)
+        if "arm" in kwargs and kwargs["arm"] not in ARMS:
+            resolved["arm"] = plain(arm_spec(kwargs["arm"]))
+        if "cameras" in kwargs:
+            resolved["cameras"] = plain(camera_specs(kwargs["cameras"]))
+        return resolved
+
+    @property
+    def mirrored_joints(self) -> tuple[int, ...] | None:
+        """Components of the action that change sign in the mirror image through the plane y = 0.
+
+        None where the task is not its own mirror image: for an arm without one, a target or a base beside the plane,
+        or cameras that are not placed in pairs.
+        """
+        arm = self.arm.spec
+        beside = self._default_target[1], arm.base_position[1]
+        if arm.mirrored_joints is None or any(beside) or not mirror_each_other([c.spec for c in self.cameras]):
+            return None
+        return tuple(arm.joints.index(joint) for joint in arm.mirrored_joints)
 
     # ------------------------------------------------------------------------------------------------ Gymnasium
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Image, dict[str, Any]]:
@@ -135,7 +165,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         super().reset(seed=seed)
         options = options or {}
         for name in options:
-            _require(name in RESET_OPTIONS, f"unknown reset option '{name}'; options are {', '.join(RESET_OPTIONS)}")
+            require(name in RESET_OPTIONS, f"unknown reset option '{name}'; options are {', '.join(RESET_OPTIONS)}")
         self._target_position = _vector("target_position", options.get("target_position", self._default_target), 3)
         if "joint_positions" in options:
             self._place_arm_as_told(_vector("joint_positions", options["joint_positions"], len(self.arm.limits)))
@@ -230,11 +260,11 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
 
     def _place_arm_as_told(self, positions: Floats) -> None:
         low, high = self.arm.limits.T
-        _require(
+        require(
             bool(np.all((low <= positions) & (positions <= high))),
             f"joint_positions {positions.tolist()} are outside the limits {self.arm.limits.tolist()}",
         )
-        _require(
+        require(
             self._place_arm(positions),
             f"joint_positions {positions.tolist()} collide; choose a pose clear of the arm itself and the floor",
         )
@@ -279,14 +309,9 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         }
 
 
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise ValueError(message)
-
-
 def _positive(**values: float) -> None:
     for name, value in values.items():
-        _require(0 < value < math.inf, f"{name} is {value}; give a positive number")
+        require(0 < value < math.inf, f"{name} is {value}; give a positive number")
 
 
 def _vector(name: str, value: Any, size: int) -> Floats:
@@ -295,6 +320,6 @@ def _vector(name: str, value: Any, size: int) -> Floats:
         vector = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} is {value!r}; give {size} numbers") from None
-    _require(vector.shape == (size,), f"{name} has shape {vector.shape}; give ({size},)")
-    _require(bool(np.all(np.isfinite(vector))), f"{name} is {vector.tolist()}; give finite numbers")
+    require(vector.shape == (size,), f"{name} has shape {vector.shape}; give ({size},)")
+    require(bool(np.all(np.isfinite(vector))), f"{name} is {vector.tolist()}; give finite numbers")
     return vector

@@ -40,6 +40,11 @@ class QuantizedActions(gym.ActionWrapper[Any, np.int64, NDArray[np.float32]]):
         self._values = np.linspace(box.low, box.high, levels, dtype=np.float32)  # (levels, n_joints)
         self._joints = np.arange(box.shape[0])
 
+    @property
+    def n_joints(self) -> int:
+        """Components that a number stands for."""
+        return len(self._joints)
+
     def levels_of(self, action: int) -> NDArray[np.int64]:
         """The level of each joint, shape (n_joints,), that the number `action` stands for."""
         return np.array(np.unravel_index(action, self.multi_discrete.nvec), dtype=np.int64)

@@ -14,10 +14,8 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-WAM_MIRRORED_JOINTS = (0, 2)  # J1 and J3 turn about axes in the arm's vertical plane
-WAM_N_JOINTS = 4
 OFFSETS = "pixel_offsets"  # the key in `info`: where the end effector is from the target, (n_views, 2) in [px]
 
 
@@ -43,9 +41,10 @@ class StereoReplayBuffer(ReplayBuffer):
     Args:
         args: As in SB3's `ReplayBuffer`.
         n_views: Views stacked in a composite (1, n_views * height, width); the mirror reverses their order.
-        mirrored_joints: Components of the action that change sign.
+        mirrored_joints: Components of the action that change sign: for most arms the joints that turn about an axis in
+            that plane. None if the task has no mirror image.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
-        mirror_probability: Share of the samples that are mirrored.
+        mirror_probability: Share of the samples that are mirrored; None takes 0.5, or 0 without a mirror image.
         goal_share: Share of the samples that are transitions into a terminal state, as soon as there is one. A random
             arm reaches the target about once in 300 steps, and what the critic knows of value starts there.
         kwargs: As in SB3's `ReplayBuffer`.
@@ -55,9 +54,9 @@ class StereoReplayBuffer(ReplayBuffer):
         self,
         *args: Any,
         n_views: int = 2,
-        mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
-        n_joints: int = WAM_N_JOINTS,
-        mirror_probability: float = 0.5,
+        mirrored_joints: Sequence[int] | None = None,
+        n_joints: int | None = None,
+        mirror_probability: float | None = None,
         goal_share: float = 0.0,
         **kwargs: Any,
     ) -> None:
@@ -69,9 +68,9 @@ class StereoReplayBuffer(ReplayBuffer):
         cls,
         model: BaseAlgorithm,
         n_views: int = 2,
-        mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
-        n_joints: int = WAM_N_JOINTS,
-        mirror_probability: float = 0.5,
+        mirrored_joints: Sequence[int] | None = None,
+        n_joints: int | None = None,
+        mirror_probability: float | None = None,
         goal_share: float = 0.0,
     ) -> StereoReplayBuffer:
         """Take over a model's buffer with all its transitions.
@@ -89,26 +88,38 @@ class StereoReplayBuffer(ReplayBuffer):
     def _set_up(
         self,
         n_views: int,
-        mirrored_joints: Sequence[int],
-        n_joints: int,
-        mirror_probability: float,
+        mirrored_joints: Sequence[int] | None,
+        n_joints: int | None,
+        mirror_probability: float | None,
         goal_share: float,
     ) -> None:
+        if mirror_probability is None:
+            mirror_probability = 0.0 if mirrored_joints is None else 0.5
         for name, share in (("mirror_probability", mirror_probability), ("goal_share", goal_share)):
             if not 0.0 <= share <= 1.0:
                 raise ValueError(f"{name} is {share}; give a number from 0 to 1")
+        if mirror_probability and mirrored_joints is None:
+            raise ValueError(
+                f"mirror_probability is {mirror_probability}, but nothing says which joints change sign in the mirror; "
+                "set mirrored_joints, or mirror_probability to 0"
+            )
         self.n_views, self.mirror_probability, self.goal_share = n_views, mirror_probability, goal_share
-        self.n_joints = n_joints if isinstance(self.action_space, Discrete) else self.action_dim
+        self.n_joints = self.action_dim
+        if isinstance(self.action_space, Discrete):
+            if n_joints is None:
+                raise ValueError("n_joints is not given; set how many joints a discrete action stands for")
+            self.n_joints = n_joints
         if not hasattr(self, "offsets"):
             self.offsets = np.full((self.buffer_size, self.n_envs, n_views, 2), np.nan, np.float32)
+        mirrored = list(mirrored_joints or ())
         self._signs = th.ones(self.n_joints)
-        self._signs[list(mirrored_joints)] = -1.0
+        self._signs[mirrored] = -1.0
         if isinstance(self.action_space, Discrete):
-            digits = _digits(int(self.action_space.n), n_joints)
+            digits = _digits(int(self.action_space.n), self.n_joints)
             levels = int(digits.max()) + 1
             self._efforts = th.as_tensor(2.0 * digits.T / (levels - 1) - 1.0, dtype=th.float32)
-            digits[list(mirrored_joints)] = levels - 1 - digits[list(mirrored_joints)]
-            self._numbers = th.as_tensor(np.ravel_multi_index(tuple(digits), (levels,) * n_joints))
+            digits[mirrored] = levels - 1 - digits[mirrored]
+            self._numbers = th.as_tensor(np.ravel_multi_index(tuple(digits), (levels,) * self.n_joints))
 
     def add(
         self,
@@ -226,8 +237,8 @@ class StereoReplay(BaseCallback):
 
     Args:
         n_views: As in `StereoReplayBuffer`.
-        mirrored_joints: As in `StereoReplayBuffer`.
-        n_joints: As in `StereoReplayBuffer`.
+        mirrored_joints: As in `StereoReplayBuffer`; None asks the environment.
+        n_joints: As in `StereoReplayBuffer`; None asks `QuantizedActions`.
         mirror_probability: As in `StereoReplayBuffer`.
         goal_share: As in `StereoReplayBuffer`.
         verbose: As in SB3.
@@ -236,18 +247,32 @@ class StereoReplay(BaseCallback):
     def __init__(
         self,
         n_views: int = 2,
-        mirrored_joints: Sequence[int] = WAM_MIRRORED_JOINTS,
-        n_joints: int = WAM_N_JOINTS,
-        mirror_probability: float = 0.5,
+        mirrored_joints: Sequence[int] | None = None,
+        n_joints: int | None = None,
+        mirror_probability: float | None = None,
         goal_share: float = 0.0,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
-        self.options = n_views, mirrored_joints, n_joints, mirror_probability, goal_share
+        self.n_views, self.mirrored_joints, self.n_joints = n_views, mirrored_joints, n_joints
+        self.mirror_probability, self.goal_share = mirror_probability, goal_share
 
     def _on_training_start(self) -> None:
         model: Any = self.model
-        model.replay_buffer = StereoReplayBuffer.of(model, *self.options)
+        env = self.training_env
+        model.replay_buffer = StereoReplayBuffer.of(
+            model,
+            self.n_views,
+            asked(env, "mirrored_joints") if self.mirrored_joints is None else self.mirrored_joints,
+            asked(env, "n_joints") if self.n_joints is None else self.n_joints,
+            self.mirror_probability,
+            self.goal_share,
+        )
 
     def _on_step(self) -> bool:
         return True
+
+
+def asked(env: VecEnv, attribute: str) -> Any:
+    """Return what an environment says of itself, through its wrappers; None if it does not say."""
+    return env.get_attr(attribute)[0] if env.has_attr(attribute) else None

@@ -14,13 +14,13 @@ from stable_baselines3.common.noise import ActionNoise, NormalActionNoise, Ornst
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from sb3_stereo.components import Component, import_class, resolve_classes
-from sb3_stereo.config import Config, algorithm, policy_class
+from sb3_stereo.components import Component, import_class, parameters, resolve_classes
+from sb3_stereo.config import SCHEDULES, Config, algorithm, policy_class
 from sb3_stereo.episodes import ResumableEpisode
 from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 VEC_ENVS: dict[str, type[DummyVecEnv] | type[SubprocVecEnv]] = {"dummy": DummyVecEnv, "subproc": SubprocVecEnv}
 
@@ -82,7 +82,7 @@ def make_model(
     device: str = "auto",
     tensorboard_log: str | None = None,
     verbose: int = 0,
-) -> "OffPolicyAlgorithm":
+) -> "BaseAlgorithm":
     """Make SB3's own algorithm with the configured policy, noise and arguments.
 
     `gradient_steps` are per step of one environment: SB3 counts a step of all of them as one, and with n_envs of them
@@ -92,14 +92,15 @@ def make_model(
     algo_class = algorithm(config.algo)
     policy = policy_class(config.algo, config.policy)
     kwargs = resolve_classes(algo_class, config.algo_kwargs)
-    if isinstance(kwargs.get("learning_rate"), str):
-        kwargs["learning_rate"] = LinearSchedule(float(kwargs["learning_rate"].removeprefix("lin_")), 0.0, 1.0)
+    for key in SCHEDULES:
+        if isinstance(kwargs.get(key), str):
+            kwargs[key] = LinearSchedule(float(kwargs[key].removeprefix("lin_")), 0.0, 1.0)
     if config.noise_type:
         kwargs["action_noise"] = make_noise(config, env)
     gradient_steps = kwargs.get("gradient_steps", 1)
-    if gradient_steps > 0:  # -1 follows the number of environment steps by itself
+    if "gradient_steps" in parameters(algo_class) and gradient_steps > 0:  # -1 follows the environment steps by itself
         kwargs["gradient_steps"] = gradient_steps * env.num_envs
-    model: OffPolicyAlgorithm = algo_class(
+    model: BaseAlgorithm = algo_class(
         policy=policy,
         env=env,
         policy_kwargs=resolve_classes(policy, config.policy_kwargs),
@@ -114,6 +115,8 @@ def make_model(
 
 def check_action_space(config: Config, space: gym.Space[Any]) -> None:
     """Raise a ConfigError unless the algorithm can act in this space."""
+    if config.algo == "ppo" and isinstance(space, gym.spaces.Box | gym.spaces.Discrete):
+        return
     wanted = gym.spaces.Discrete if config.algo == "dqn" else gym.spaces.Box
     if not isinstance(space, wanted):
         change = "add" if config.algo == "dqn" else "remove"

@@ -37,7 +37,7 @@ def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) ->
 
 def add_run_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags that choose a run."""
-    parser.add_argument("--algo", default="ddpg", help="ddpg, td3 or dqn (default: ddpg)")
+    parser.add_argument("--algo", default="ddpg", help="ddpg, dqn, td3, sac, ppo, crossq or tqc (default: ddpg)")
     parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")
     parser.add_argument("-f", "--log-folder", "--folder", default="logs", help="log folder (default: logs)")
 

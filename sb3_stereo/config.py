@@ -7,6 +7,7 @@ in it is evaluated, and a dotted path is accepted only if it names a class of th
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +15,24 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from sb3_stereo.components import Component, check_kwargs, coerce, import_class, parameters, parse_components
-from sb3_stereo.errors import ConfigError, unknown
+from sb3_stereo.errors import ConfigError, refusals_are_errors, unknown
 from sb3_stereo.values import override_all, read_hyperparams
 
 if TYPE_CHECKING:
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+    from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.policies import BasePolicy
 
-ALGORITHMS = ("ddpg", "dqn", "td3")
+# Name to package; the class has the name in capitals, but for CrossQ.
+ALGORITHMS = {
+    "ddpg": "stable_baselines3",
+    "dqn": "stable_baselines3",
+    "td3": "stable_baselines3",
+    "sac": "stable_baselines3",
+    "ppo": "stable_baselines3",
+    "crossq": "sb3_contrib",
+    "tqc": "sb3_contrib",
+}
+SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")  # a number, or lin_<number>, which falls to 0
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
 
 # Arguments of SB3's constructors that have another source than the YAML: flags, or keys of their own.
@@ -83,17 +94,21 @@ class Config:
         return values | noise | dict(self.algo_kwargs)
 
 
-def algorithm(name: str) -> "type[OffPolicyAlgorithm]":
-    """Return SB3's class of that name.
+def algorithm(name: str) -> "type[BaseAlgorithm]":
+    """Return the class of that name, of SB3 or sb3-contrib.
 
     Raises:
-        ConfigError: If the algorithm is none of ours.
+        ConfigError: If the algorithm is none of ours, or its package is not installed.
     """
     if name not in ALGORITHMS:
         raise unknown("algorithm", name, ALGORITHMS)
-    import stable_baselines3
-
-    cls: type[OffPolicyAlgorithm] = getattr(stable_baselines3, name.upper())
+    try:
+        package = import_module(ALGORITHMS[name])
+    except ImportError as error:
+        raise ConfigError(
+            f"algorithm '{name}' needs {ALGORITHMS[name]}; install it with: pip install 'sb3_stereo[contrib]'"
+        ) from error
+    cls: type[BaseAlgorithm] = getattr(package, "CrossQ" if name == "crossq" else name.upper())
     return cls
 
 
@@ -178,7 +193,7 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
         env_wrapper=parse_components(values.get("env_wrapper"), gym.Wrapper, "env_wrapper"),
         callback=parse_components(values.get("callback"), BaseCallback, "callback"),
         algo_kwargs=_algo_kwargs(algo_class, {k: v for k, v in values.items() if k in algo_keys}),
-        **_noise(values, algo),
+        **_noise(values, algo_class),
     )
     if values.get("monitor_kwargs") is None:
         return config
@@ -195,7 +210,11 @@ def _env_kwargs(env_id: str, values: Mapping[str, Any]) -> dict[str, Any]:
     entry_point = gym.spec(env_id).entry_point
     creator = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
     assert creator is not None  # every registered environment has one
-    return check_kwargs(creator, kwargs, f"env_kwargs of {env_id}", {"render_mode"}) | cap
+    checked = check_kwargs(creator, kwargs, f"env_kwargs of {env_id}", {"render_mode"})
+    with refusals_are_errors():
+        # An environment that reads files says what is in them, so that the run's record is complete.
+        resolved = creator.plain_kwargs(checked) if hasattr(creator, "plain_kwargs") else checked
+    return {**resolved, **cap}
 
 
 def _policy_kwargs(policy: "type[BasePolicy]", values: Mapping[str, Any]) -> dict[str, Any]:
@@ -224,12 +243,15 @@ def _positive(value: Any, name: str) -> int:
     return number
 
 
-def _noise(values: Mapping[str, Any], algo: str) -> dict[str, Any]:
+def _noise(values: Mapping[str, Any], algo_class: Any) -> dict[str, Any]:
     noise_type = values.get("noise_type")
     if noise_type is None:
         return {}
-    if algo == "dqn":
-        raise ConfigError(f"noise_type '{noise_type}' needs continuous actions; remove it for dqn")
+    if "action_noise" not in parameters(algo_class):
+        raise ConfigError(
+            f"noise_type '{noise_type}' needs an off-policy algorithm with continuous actions; "
+            f"remove it for {algo_class.__name__}"
+        )
     if noise_type not in NOISE_TYPES:
         raise unknown("noise_type", noise_type, NOISE_TYPES)
     if "noise_std" not in values:
@@ -238,7 +260,8 @@ def _noise(values: Mapping[str, Any], algo: str) -> dict[str, Any]:
 
 
 def _algo_kwargs(algo_class: Any, kwargs: dict[str, Any]) -> dict[str, Any]:
-    rate = kwargs.get("learning_rate")
-    if isinstance(rate, str) and not re.fullmatch(r"lin_[\d.eE+-]+", rate):
-        raise ConfigError(f"learning_rate must be a number or 'lin_<number>', got {rate!r}")
+    for key in SCHEDULES:
+        value = kwargs.get(key)
+        if isinstance(value, str) and not re.fullmatch(r"lin_[\d.eE+-]+", value):
+            raise ConfigError(f"{key} must be a number or 'lin_<number>', got {value!r}")
     return check_kwargs(algo_class, kwargs, algo_class.__name__)

@@ -1,7 +1,8 @@
 """The one error that a user's input raises, and the sentence it says."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 MAX_LENGTH = 2000  # of a sentence, in characters
 
@@ -36,3 +37,12 @@ def unknown(what: str, name: object, allowed: Iterable[str]) -> ConfigError:
     close = difflib.get_close_matches(str(name), choices, n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     return ConfigError(f"unknown {what} '{name}'{hint}; allowed are: {', '.join(choices) or 'none'}")
+
+
+@contextmanager
+def refusals_are_errors() -> Iterator[None]:
+    """Turn the ValueErrors of constructors, which say what is allowed, into the user's error."""
+    try:
+        yield
+    except ValueError as error:
+        raise ConfigError(str(error)) from error

@@ -19,7 +19,6 @@ OnScore = Callable[[Path], None]
 # Training steps of the paper's Tables 3 and 4.
 PAPER_CHECKPOINTS = {
     "ddpg": (1500, 2000, 5000, 7000, 8500),
-    "td3": (1500, 2000, 5000, 7000, 8500),
     "dqn": (1500, 3500, 5500, 7500, 10000),
 }
 
@@ -28,13 +27,14 @@ def checkpoints(algo: str, n_timesteps: int, eval_freq: int = 0) -> tuple[int, .
     """Return the steps at which an agent is scored before the end of its training.
 
     Args:
-        algo: The algorithm, which decides the paper's checkpoints.
+        algo: The algorithm, which decides the paper's checkpoints; one that the paper has not takes DDPG's.
         n_timesteps: Steps of the training; the score at its end is not part of the list.
         eval_freq: 0 takes the paper's checkpoints, a positive number every so many steps, a negative one none.
     """
     if eval_freq > 0:
         return tuple(range(eval_freq, n_timesteps, eval_freq))
-    return tuple(step for step in PAPER_CHECKPOINTS[algo] if step < n_timesteps) if eval_freq == 0 else ()
+    steps = PAPER_CHECKPOINTS.get(algo, PAPER_CHECKPOINTS["ddpg"])
+    return tuple(step for step in steps if step < n_timesteps) if eval_freq == 0 else ()
 
 
 class PoseEvalCallback(BaseCallback):

@@ -105,7 +105,7 @@ def nan_mean(values: Sequence[float] | np.ndarray) -> float:
 
 
 def test_poses(env_id: str) -> np.ndarray:
-    """Return the fixed test poses of an environment, J1 to J4 in [rad].  # (100, 4)
+    """Return the fixed test poses of an environment, in the order of the action, in [rad].  # (100, n_joints)
 
     Raises:
         ConfigError: If the environment has none.
@@ -114,7 +114,7 @@ def test_poses(env_id: str) -> np.ndarray:
     if not file.is_file():
         raise ConfigError(f"no test poses for '{env_id}'; use random ones with --poses N --seed S")
     rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
-    next(rows)  # the header: J1,J2,J3,J4
+    next(rows)  # the header: the joints' names
     return np.array([[float(value) for value in row] for row in rows])
 
 
@@ -250,7 +250,10 @@ class _Scoring:
 
 
 def q_value(model: "BaseAlgorithm", observation: Any, action: Any) -> float:
-    """Return the critic's value of one action, the smaller one of two critics; NaN for an algorithm without."""
+    """Return the critic's value of one action, the smallest of several critics; NaN for an algorithm without.
+
+    A critic of quantiles (TQC) gives their mean. PPO's values states and not actions, so it counts as none.
+    """
     import torch as th
 
     policy: Any = model.policy
@@ -262,4 +265,7 @@ def q_value(model: "BaseAlgorithm", observation: Any, action: Any) -> float:
         if not hasattr(policy, "critic"):
             return float("nan")
         scaled = th.as_tensor(policy.scale_action(action[None]), dtype=th.float32, device=policy.device)
-        return float(min(q[0, 0] for q in policy.critic(tensor, scaled)))
+        values = policy.critic(tensor, scaled)
+        if isinstance(values, th.Tensor):
+            return float(values.mean(dim=2).min())  # (batch, n_critics, n_quantiles)
+        return float(min(q[0, 0] for q in values))

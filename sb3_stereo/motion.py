@@ -11,7 +11,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from torch import nn
 
-from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer
+from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer, asked
 from sb3_stereo.extractors import scale_images
 from sb3_stereo.warmup import can_learn
 
@@ -136,7 +136,7 @@ class LearnFromMotion(BaseCallback):
                 "leave it out and set encoder_loss to 'critic'"
             )
         if not isinstance(model.replay_buffer, StereoReplayBuffer):
-            model.replay_buffer = StereoReplayBuffer.of(model, mirror_probability=0.0)
+            model.replay_buffer = StereoReplayBuffer.of(model, n_joints=asked(self.training_env, "n_joints"))
         if self.n_updates == 0:
             self._set_up(model.policy, model.replay_buffer)
 

@@ -32,7 +32,7 @@ BEST_MODEL = "best_model.zip"
 EVALUATIONS = "evaluations.csv"
 ARGUMENTS = "args.yml"
 CHECKPOINT_PREFIX = "rl_model"
-PACKAGES = ("stable-baselines3", "gymnasium", "torch", "numpy", "opencv-python-headless", "pybullet")
+PACKAGES = ("stable-baselines3", "sb3-contrib", "gymnasium", "torch", "numpy", "opencv-python-headless", "pybullet")
 
 
 def env_name(env_id: str) -> str:

@@ -40,7 +40,7 @@ from sb3_stereo.runs import (
 from sb3_stereo.state import State
 
 if TYPE_CHECKING:
-    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+    from stable_baselines3.common.base_class import BaseAlgorithm
 
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -232,7 +232,7 @@ def _own_callbacks(options: Options) -> list[BaseCallback]:
     return [Progress(options.progress)] if options.verbose else []
 
 
-def _learn(model: "OffPolicyAlgorithm", config: Config, callbacks: list[BaseCallback]) -> str | None:
+def _learn(model: "BaseAlgorithm", config: Config, callbacks: list[BaseCallback]) -> str | None:
     """Learn, and return the name of the signal that ended it, if one did."""
     try:
         model.learn(config.n_timesteps, callback=callbacks)

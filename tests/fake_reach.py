@@ -16,6 +16,7 @@ MAX_STEPS = 5
 class FakeReachEnv(gym.Env[np.ndarray, np.ndarray]):
     """See the module; `tolerance` is the largest |J1| that counts as reached."""
 
+    mirrored_joints = (0, 2)
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"]}
 
     def __init__(self, tolerance: float = 0.25, render_mode: str | None = None) -> None:

@@ -4,12 +4,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pybullet
 import pytest
 
-from sb3_stereo.envs.arm import WAM, Arm
+from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec
 from sb3_stereo.envs.simulation import Client
 
 ALL_JOINTS = replace(
@@ -171,16 +173,61 @@ def test_free_motion_is_ideal_gravity_compensation() -> None:
     np.testing.assert_allclose(final_pose(2000, -9.81), final_pose(2000, 0.0), atol=2e-3)
 
 
-def test_a_full_pulse_moves_each_joint_by_about_a_radian(client: Client) -> None:
-    arm = Arm(WAM, client)
-    for joint, limit in enumerate(WAM.effort_limits):
+@pytest.mark.parametrize(("name", "elbow"), [("wam", 0.8), ("kuka", 0.8), ("panda", -1.5)])
+def test_a_full_pulse_moves_each_joint_by_about_a_radian(name: str, elbow: float, client: Client) -> None:
+    spec = ARMS[name]
+    arm = Arm(spec, client)
+    for joint, limit in enumerate(spec.effort_limits):
         for sign in (1, -1):
-            start = np.array([0.0, 0.3, 0.0, 0.8])
+            start = np.array([0.0, 0.3, 0.0, elbow])
             arm.rest_at(start)
             efforts = [0.0] * 4
             efforts[joint] = sign * limit
             arm.push(efforts, 120)
-            assert 0.8 < sign * (arm.joint_positions[joint] - start[joint]) < 1.3
+            assert 0.75 < sign * (arm.actuated_positions[joint] - start[joint]) < 1.35
+
+
+@pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS)
+def test_the_other_joints_rest_where_they_are_told(spec: ArmSpec, client: Client) -> None:
+    arm = Arm(spec, client)
+    arm.rest_at(arm.limits.mean(axis=1))
+    rest = dict(spec.rest)
+    for _ in range(3):
+        arm.push(list(spec.effort_limits), 120)
+        arm.brake()
+        for joint in range(client.getNumJoints(arm.body)):
+            info = client.getJointInfo(arm.body, joint)
+            if info[2] != pybullet.JOINT_FIXED and joint not in arm.actuated:
+                assert client.getJointState(arm.body, joint)[0] == rest.get(info[1].decode(), 0.0)
+
+
+def test_the_base_stands_where_it_is_told(client: Client) -> None:
+    positions = []
+    for place in ((0.0, 0.0, 0.0), (0.1, -0.2, 0.3)):
+        arm = Arm(replace(WAM, base_position=place), client)
+        arm.rest_at([0.3, 0.5, -0.2, 1.0])
+        positions.append(arm.end_effector_position)
+    np.testing.assert_allclose(positions[1] - positions[0], (0.1, -0.2, 0.3), atol=1e-9)
+
+
+def test_colours_are_those_of_the_spec(client: Client) -> None:
+    arm = Arm(replace(WAM, link_colors=(("base", (0.1, 0.2, 0.3)), ("palm", (0.4, 0.5, 0.6)))), client)
+    shapes = client.getVisualShapeData(arm.body)
+    palm = next(info[0] for info in map(lambda j: client.getJointInfo(arm.body, j), range(7, -1, -1)) if info[12] == b"palm")
+    for link, colour in ((-1, (0.1, 0.2, 0.3, 1.0)), (palm, (0.4, 0.5, 0.6, 1.0))):
+        for shape in shapes:
+            if shape[1] == link:
+                np.testing.assert_allclose(shape[7], colour, atol=1e-6)
+
+
+def test_a_joint_without_limits_turns_once_around(client: Client, tmp_path: Path) -> None:
+    text = (files("sb3_stereo.envs") / "assets" / "wam.urdf").read_text()
+    (tmp_path / "round.urdf").write_text(text.replace('<joint name="J1" type="revolute">', '<joint name="J1" type="continuous">'))
+    for mesh in (files("sb3_stereo.envs") / "assets").iterdir():
+        if mesh.name.endswith(".obj"):
+            (tmp_path / mesh.name).write_text(mesh.read_text())
+    arm = Arm(replace(WAM, urdf=str(tmp_path / "round.urdf")), client)
+    np.testing.assert_allclose(arm.limits[:2], [[-np.pi, np.pi], [-2.0, 2.0]])
 
 
 def test_joint_limits_hold_under_full_effort(client: Client) -> None:
@@ -234,15 +281,24 @@ def test_shells_and_markers_keep_apart_in_luminance() -> None:
     [
         (
             {"urdf": "nothing.urdf"},
-            "no robot file 'nothing.urdf'; give a URDF of sb3_stereo.envs/assets or an absolute path",
+            "no robot file 'nothing.urdf'; give a path, or a URDF of envs/assets or of pybullet_data",
         ),
         (
             {"joints": ("J1", "J2", "J3", "elbow")},
-            "unknown joint 'elbow'; the robot's are J1, J2, J3, J4, J5, J6, J7",
+            "unknown joint 'elbow'; the robot's moving ones are J1, J2, J3, J4, J5, J6, J7",
         ),
         (
             {"end_effector_link": "hand"},
-            "unknown link 'hand'; the robot's are shoulder_yaw, shoulder_pitch, shoulder_pitch_drive, upper_arm, "
+            "unknown link 'hand'; the robot's moving ones are shoulder_yaw, shoulder_pitch, shoulder_pitch_drive, upper_arm, "
+            "forearm, wrist_yaw, wrist_pitch, palm",
+        ),
+        (
+            {"rest": (("J8", 0.0),)},
+            "unknown joint 'J8'; the robot's moving ones are J1, J2, J3, J4, J5, J6, J7",
+        ),
+        (
+            {"link_colors": (("hand", (0.5, 0.5, 0.5)),)},
+            "unknown link 'hand'; the robot's are base, shoulder_yaw, shoulder_pitch, shoulder_pitch_drive, upper_arm, "
             "forearm, wrist_yaw, wrist_pitch, palm",
         ),
     ],

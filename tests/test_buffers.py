@@ -1,5 +1,6 @@
 """The mirror: an involution, true to the environment, and taken over without losing anything; goals; what moved."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -11,8 +12,11 @@ from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import DDPG, DQN, PPO
 from stable_baselines3.common.buffers import ReplayBuffer
 
+import sb3_stereo
 from sb3_stereo.buffers import StereoReplay, StereoReplayBuffer
+from sb3_stereo.envs.cameras import STEREO_PAIR
 from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.envs.robots import WAM
 from sb3_stereo.envs.wrappers import QuantizedActions
 from sb3_stereo.policies import StereoDDPGPolicy, StereoDQNPolicy
 
@@ -21,7 +25,7 @@ SIGNS = np.array([-1.0, 1.0, -1.0, 1.0])
 
 
 def filled(actions: gym.Space, action: np.ndarray) -> StereoReplayBuffer:  # type: ignore[type-arg]
-    buffer = StereoReplayBuffer(10, IMAGES, actions, device="cpu")
+    buffer = StereoReplayBuffer(10, IMAGES, actions, device="cpu", mirrored_joints=(0, 2), n_joints=4)
     image = np.arange(48, dtype=np.uint8).reshape(1, 1, 8, 6)
     for _ in range(10):
         buffer.add(image, image + 100, action, np.array([0.5]), np.array([False]), [{}])
@@ -65,15 +69,18 @@ def test_numbers_are_mirrored_like_the_efforts_they_stand_for() -> None:
         np.testing.assert_array_equal(env.action(np.int64(mirrored[number])), efforts * SIGNS)
 
 
-def test_the_environment_is_its_own_mirror_image() -> None:
-    env = StereoReachEnv()
-    buffer = StereoReplayBuffer(1, env.observation_space, env.action_space, device="cpu")
+@pytest.mark.parametrize("env_id", sb3_stereo.ENV_IDS)
+def test_the_environment_is_its_own_mirror_image(env_id: str) -> None:
+    env: Any = gym.make(env_id).unwrapped
+    space, actions = env.observation_space, env.action_space
+    buffer = StereoReplayBuffer(1, space, actions, device="cpu", mirrored_joints=env.mirrored_joints)
     rng = np.random.default_rng(0)
     for seed in range(8):
-        image, info = env.reset(seed=seed)
+        image, _ = env.reset(seed=seed)
+        pose = env.arm.actuated_positions
         action = rng.uniform(-1, 1, 4)
         next_image, reward, *_, after = env.step(action)
-        mirrored, _ = env.reset(options={"joint_positions": info["joint_positions"][:4] * SIGNS})
+        mirrored, _ = env.reset(options={"joint_positions": pose * SIGNS})
         next_mirrored, mirrored_reward, *_, mirrored_after = env.step(action * SIGNS)
         for ours, theirs in ((image, mirrored), (next_image, next_mirrored)):
             difference = buffer.mirror(th.as_tensor(ours[None], dtype=th.float32)).numpy()[0] - theirs
@@ -84,8 +91,27 @@ def test_the_environment_is_its_own_mirror_image() -> None:
     env.close()
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"target_position": (0.5, 0.1, 0.6)},
+        {"cameras": STEREO_PAIR[:1]},
+        {"arm": replace(WAM, mirrored_joints=None)},
+        {"arm": replace(WAM, base_position=(0.0, 0.1, 0.0))},
+    ],
+)
+def test_an_environment_that_is_not_its_own_mirror_image_is_not_mirrored(change: dict[str, Any]) -> None:
+    env = StereoReachEnv(**change)
+    assert env.mirrored_joints is None
+    model = DDPG("CnnPolicy", env, buffer_size=10, learning_starts=5)
+    model.learn(1, callback=StereoReplay(n_views=len(env.cameras)))
+    assert model.replay_buffer.mirror_probability == 0.0  # type: ignore[union-attr]
+    env.close()
+
+
 def numbered(n_steps: int, n_envs: int = 1, goals: tuple[int, ...] = (), **kwargs: Any) -> StereoReplayBuffer:
     """Step t of environment e has everywhere the number 10 e + t; those of `goals` end an episode."""
+    kwargs = {"mirrored_joints": (0, 2), **kwargs}
     buffer = StereoReplayBuffer(4 * n_envs, IMAGES, Box(-1, 1, (4,)), device="cpu", n_envs=n_envs, **kwargs)
     for step in range(n_steps):
         number = 10 * np.arange(n_envs) + step
@@ -158,7 +184,7 @@ def test_efforts_of_numbers_are_those_of_the_wrapper() -> None:
         action_space, observation_space = Box(-1, 1, (4,)), IMAGES
 
     env = QuantizedActions(Arm(), levels=3)
-    buffer = StereoReplayBuffer(81, IMAGES, Discrete(81), device="cpu", mirror_probability=0.0)
+    buffer = StereoReplayBuffer(81, IMAGES, Discrete(81), device="cpu", n_joints=4)
     image = np.zeros((1, 1, 8, 6), np.uint8)
     for number in range(81):
         buffer.add(image, image + number, np.array([[number]]), np.zeros(1), np.zeros(1), [{}])
@@ -185,7 +211,15 @@ def test_the_callback_takes_over_a_models_transitions_and_training_goes_on(algor
 
 def test_what_has_no_mirror_is_explained() -> None:
     with pytest.raises(ValueError, match=r"^82 actions are not the combinations of 4 joints; set n_joints$"):
-        StereoReplayBuffer(1, IMAGES, Discrete(82), device="cpu")
+        StereoReplayBuffer(1, IMAGES, Discrete(82), device="cpu", n_joints=4)
+    with pytest.raises(ValueError, match=r"^n_joints is not given; set how many joints a discrete action stands for$"):
+        StereoReplayBuffer(1, IMAGES, Discrete(81), device="cpu")
+    with pytest.raises(ValueError) as error:
+        StereoReplayBuffer(1, IMAGES, Box(-1, 1, (4,)), device="cpu", mirror_probability=0.5)
+    assert str(error.value) == (
+        "mirror_probability is 0.5, but nothing says which joints change sign in the mirror; "
+        "set mirrored_joints, or mirror_probability to 0"
+    )
     model = PPO("MlpPolicy", "CartPole-v1", n_steps=8, batch_size=8)
     with pytest.raises(ValueError, match=r"^a StereoReplayBuffer replaces a replay buffer, and PPO has none$"):
         model.learn(8, callback=StereoReplay())

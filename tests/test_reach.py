@@ -334,7 +334,7 @@ def test_actions_outside_the_space_are_clipped(env: StereoReachEnv) -> None:
         ({"rho": -1}, "rho is -1; give a positive number"),
         ({"pulse_duration": float("nan")}, "pulse_duration is nan; give a positive number"),
         ({"physics_rate": 60}, "physics_rate is 60; give at least 240 Hz"),
-        ({"cameras": ()}, "no cameras; give at least one CameraSpec"),
+        ({"cameras": ()}, "no cameras; give at least one CameraSpec, or map of one"),
         ({"damping": (1, 2)}, "damping has shape (2,); give (4,)"),
         ({"effort_limits": (1, 2)}, "effort_limits has shape (2,); give (4,)"),
         ({"effort_limits": (1, 2, 0, 1)}, "effort_limits are (1, 2, 0, 1); give positive numbers"),
@@ -357,8 +357,14 @@ def test_human_without_a_display_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
     assert str(error.value) == "render_mode 'human' needs a display and DISPLAY is not set; use render_mode 'rgb_array'"
 
 
-def test_stored_test_poses_are_those_of_their_seed(env: StereoReachEnv) -> None:
-    file = files("sb3_stereo.envs") / "assets" / "test_poses" / "WamStereoReach-v0.csv"
-    stored = np.loadtxt(file.read_text().splitlines(), delimiter=",", skiprows=1)
-    drawn = [env.reset(seed=2017 if first else None)[1]["joint_positions"][:4] for first in [True] + 99 * [False]]
-    np.testing.assert_allclose(stored, drawn, atol=5.1e-7)
+@pytest.mark.parametrize("env_id", sb3_stereo.ENV_IDS)
+def test_stored_test_poses_are_those_of_their_seed(env_id: str) -> None:
+    env: Any = gym.make(env_id).unwrapped
+    header, *rows = (files("sb3_stereo.envs") / "assets" / "test_poses" / f"{env_id}.csv").read_text().splitlines()
+    assert tuple(header.split(",")) == env.arm.spec.joints
+    drawn = []
+    for first in [True] + 99 * [False]:
+        env.reset(seed=2017 if first else None)
+        drawn.append(env.arm.actuated_positions)
+    np.testing.assert_allclose(np.loadtxt(rows, delimiter=","), drawn, atol=5.1e-7)
+    env.close()

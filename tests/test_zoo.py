@@ -13,15 +13,19 @@ ROOT = Path(__file__).parent.parent
 SUCCESS = "monitor_kwargs:dict(info_keywords=('is_success',))"
 
 
-@pytest.mark.parametrize("algo", ["ddpg", "dqn"])
-def test_the_zoo_trains_200_steps(algo: str, logs: Path) -> None:
-    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", algo, "--env", "WamStereoReach-v0"]
+@pytest.mark.parametrize("algo", ["ddpg", "dqn", "td3", "sac", "crossq", "tqc", "ppo"])
+@pytest.mark.parametrize("env_id", ["WamStereoReach-v0", "KukaStereoReach-v0"])
+def test_the_zoo_trains_200_steps(env_id: str, algo: str, logs: Path) -> None:
+    if env_id != "WamStereoReach-v0" and algo not in ("ddpg", "dqn"):
+        pytest.skip("one arm is enough")
+    tiny = ["n_steps:50", "batch_size:50"] if algo == "ppo" else ["learning_starts:150"]
+    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", algo, "--env", env_id]
     command += ["--gym-packages", "sb3_stereo", "-conf", str(ROOT / "hyperparams" / f"{algo}.yml")]
     command += [
         "-n",
         "200",
         "-params",
-        "learning_starts:150",
+        *tiny,
         SUCCESS,
         "--eval-freq",
         "-1",
@@ -31,6 +35,6 @@ def test_the_zoo_trains_200_steps(algo: str, logs: Path) -> None:
         str(logs),
     ]
     subprocess.run(command, cwd=logs.parent, check=True, timeout=300)
-    run = logs / algo / "WamStereoReach-v0_1"
-    assert (run / "WamStereoReach-v0.zip").exists()
+    run = logs / algo / f"{env_id}_1"
+    assert (run / f"{env_id}.zip").exists()
     assert "is_success" in (run / "0.monitor.csv").read_text()

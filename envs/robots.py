@@ -1,0 +1,153 @@
+"""What the task must know of a robot: `ArmSpec`, the arms that come with the package, and yours from a YAML file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sb3_stereo.envs.specs import from_map, read_yaml, require
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ArmSpec:
+    """A robot. In YAML it is a map of these fields; pairs may be written as a map.
+
+    Attributes:
+        urdf: File in `envs/assets` or in `pybullet_data`, or a path; in a YAML file it may start at that file's folder.
+        joints: The actuated joints' names, in the order of the action.
+        end_effector_link: Link that carries the red marker.
+        effort_limits: Effort of a full action per actuated joint, in [N m] (in [N] for a sliding joint).
+        damping: Viscous damping per actuated joint, in [N m s/rad] (in [N s/m]).
+        end_effector_offset: Middle of the marker in that link's frame, in [m].
+        rest: Where the other moving joints are held, as (joint, position) in [rad] or [m]; 0 for those not named.
+        base_position: Of the base link's frame, in [m], world.
+        mirrored_joints: Actuated joints that turn the other way in the arm's mirror image through the plane y = 0;
+            None if the arm has none. `python -m sb3_stereo check` finds them.
+        drive_inertia: Rotor inertia seen at a joint, in [kg m^2], as (link, about its x, y and z axis).
+        collision_exempt: Pairs of links that may overlap. A link and its parent always may.
+        link_colors: Of links in place of the file's, as (link, (red, green, blue)), from 0 to 1. Pure red and pure
+            blue are the markers'.
+        simple_shapes: Draw the collision shapes in place of the visual ones: TinyRenderer's time is that of triangles.
+        marker_radius: Of both markers, in [m].
+
+    Raises:
+        ValueError: If a value makes no robot.
+    """
+
+    urdf: str
+    joints: tuple[str, ...]
+    end_effector_link: str
+    effort_limits: tuple[float, ...]
+    damping: tuple[float, ...]
+    end_effector_offset: Vector = (0.0, 0.0, 0.0)
+    rest: tuple[tuple[str, float], ...] = ()
+    base_position: Vector = (0.0, 0.0, 0.0)
+    mirrored_joints: tuple[str, ...] | None = None
+    drive_inertia: tuple[tuple[str, Vector], ...] = ()
+    collision_exempt: tuple[tuple[str, str], ...] = ()
+    link_colors: tuple[tuple[str, Vector], ...] = ()
+    simple_shapes: bool = False
+    marker_radius: float = 0.07
+
+    def __post_init__(self) -> None:
+        n_joints = len(self.joints)
+        require(0 < n_joints == len(set(self.joints)), f"joints are {self.joints}; give at least one, each once")
+        for name, values in (("effort_limits", self.effort_limits), ("damping", self.damping)):
+            require(len(values) == n_joints, f"{name} has {len(values)} values for {n_joints} joints; give one each")
+        require(min(self.effort_limits) > 0, f"effort_limits are {self.effort_limits}; give positive numbers")
+        require(min(self.damping) >= 0, f"damping is {self.damping}; give numbers of at least 0")
+        require(self.marker_radius > 0, f"marker_radius is {self.marker_radius}; give a positive number")
+        for joint in self.mirrored_joints or ():
+            require(joint in self.joints, f"mirrored_joints has '{joint}'; choose from {', '.join(self.joints)}")
+        for joint, _ in self.rest:
+            require(joint not in self.joints, f"rest has '{joint}', which is actuated; leave it out of one of them")
+
+
+WAM = ArmSpec(
+    urdf="wam.urdf",
+    joints=("J1", "J2", "J3", "J4"),
+    end_effector_link="palm",
+    end_effector_offset=(0.0, 0.0, 0.0609),  # d7, libbarrett
+    # Chosen, not Barrett's: with this damping a full pulse of 0.5 s moves each joint by about a radian.
+    effort_limits=(20.0, 30.0, 10.0, 5.0),
+    damping=(8.0, 10.0, 4.0, 2.0),
+    mirrored_joints=("J1", "J3"),
+    # Rotor inertia times the squared gear ratio (AC-02, Barrett's motor page).
+    drive_inertia=(
+        ("shoulder_yaw", (0.0, 0.0, 0.2052)),
+        ("shoulder_pitch_drive", (0.0, 0.1888, 0.0)),
+        ("upper_arm", (0.0, 0.0, 0.0669)),
+        ("forearm", (0.0, 0.0346, 0.0)),
+        ("wrist_yaw", (0.0, 0.0, 0.00323)),
+        ("wrist_pitch", (0.0, 0.00323, 0.0)),
+        ("palm", (0.0, 0.0, 0.000317)),
+    ),
+    # The palm's and the wrist's shapes overlap their neighbours' by construction.
+    collision_exempt=(("forearm", "wrist_pitch"), ("forearm", "wrist_yaw"), ("shoulder_yaw", "upper_arm")),
+)
+
+KUKA = ArmSpec(
+    urdf="kuka_iiwa/model.urdf",
+    joints=("lbr_iiwa_joint_1", "lbr_iiwa_joint_2", "lbr_iiwa_joint_3", "lbr_iiwa_joint_4"),
+    end_effector_link="lbr_iiwa_link_7",
+    end_effector_offset=(0.0, 0.0, 0.07),
+    effort_limits=(20.0, 32.0, 12.0, 7.0),
+    damping=(8.0, 10.0, 4.0, 2.0),
+    mirrored_joints=("lbr_iiwa_joint_1", "lbr_iiwa_joint_3"),
+)
+
+PANDA = ArmSpec(
+    urdf="franka_panda/panda.urdf",
+    joints=("panda_joint1", "panda_joint2", "panda_joint3", "panda_joint4"),
+    end_effector_link="panda_grasptarget",
+    effort_limits=(22.0, 32.0, 20.0, 14.0),
+    damping=(8.0, 10.0, 4.0, 3.0),
+    rest=(
+        ("panda_joint6", 3.141593),
+        ("panda_joint7", 0.785398),
+        ("panda_finger_joint1", 0.04),
+        ("panda_finger_joint2", 0.04),
+    ),
+    mirrored_joints=("panda_joint1", "panda_joint3"),
+    simple_shapes=True,  # the visual ones have 100 000 triangles, which takes four times as long
+    collision_exempt=(("panda_link7", "panda_hand"),),
+    # The file's arm is white, as is what is behind it.
+    link_colors=tuple(
+        (f"panda_{link}", (tone, tone, tone))
+        for link, tone in (
+            ("link0", 0.6),
+            ("link1", 0.3),
+            ("link2", 0.75),
+            ("link3", 0.3),
+            ("link4", 0.75),
+            ("link5", 0.4),
+            ("link6", 0.75),
+            ("link7", 0.3),
+            ("hand", 0.6),
+            ("leftfinger", 0.3),
+            ("rightfinger", 0.3),
+        )
+    ),
+)
+
+ARMS = {"wam": WAM, "kuka": KUKA, "panda": PANDA}
+
+
+def arm_spec(arm: ArmSpec | Mapping[str, Any] | str) -> ArmSpec:
+    """Return the robot that is given as itself, as a map, by its name in `ARMS`, or by the path of a YAML file.
+
+    Raises:
+        ValueError: If there is none, or its fields are wrong.
+    """
+    if isinstance(arm, ArmSpec):
+        return arm
+    if not isinstance(arm, str):
+        return from_map(ArmSpec, arm, "arm")
+    if arm in ARMS:
+        return ARMS[arm]
+    require(arm.endswith((".yml", ".yaml")), f"unknown arm '{arm}'; arms are {', '.join(ARMS)}, or give a .yml file")
+    spec = from_map(ArmSpec, read_yaml(arm, "arm"), f"arm '{arm}'")
+    beside = Path(arm).resolve().parent / spec.urdf
+    return replace(spec, urdf=str(beside)) if beside.is_file() else spec

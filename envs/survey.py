@@ -1,0 +1,138 @@
+"""What an environment offers a learner: measured before anything is trained on it."""
+
+from collections import Counter
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.reach import StereoReachEnv
+
+Floats = NDArray[np.float64]
+
+TINY = 1e-3  # [m] between a link and its mirror image that is the same place
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Measurements; shares are from 0 to 1.
+
+    Attributes:
+        joints: The actuated joints' names.
+        limits: Of the joints, in [rad].  # (n_joints, 2)
+        travel: Median |displacement| of each joint after a full pulse of it alone, in [rad].  # (n_joints,)
+        free: Share of the random poses that do not collide.
+        collisions: Pairs of links (or "the floor") that touch, with the share of the random poses, the most first.
+        goals: Share of the free poses that are goals.
+        random_steps: Environment steps per goal of a random agent; infinite if it reached none.
+        seen: Share of the free poses with both markers in every view, and in at least one.
+        mirrored_joints: Joints whose sign the mirror image through y = 0 changes; None if no choice mirrors the arm.
+    """
+
+    joints: tuple[str, ...]
+    limits: Floats
+    travel: Floats
+    free: float
+    collisions: tuple[tuple[str, float], ...]
+    goals: float
+    random_steps: float
+    seen: tuple[float, float]
+    mirrored_joints: tuple[str, ...] | None
+
+
+def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: int = 0) -> Survey:
+    """Measure an environment.
+
+    Args:
+        env: The environment, without wrappers.
+        n_poses: Random poses.
+        n_steps: Steps of the random agent, in episodes of at most 30.
+        seed: Of everything random.
+
+    Raises:
+        ValueError: If no pose is free.
+    """
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform(*env.arm.limits.T, (n_poses, len(env.arm.limits)))
+    touching = [_touching(env, pose) for pose in poses]
+    free = [pose for pose, pairs in zip(poses, touching, strict=True) if not pairs]
+    counts = Counter(pair for pairs in touching for pair in pairs)
+    pairs = tuple((pair, count / n_poses) for pair, count in counts.most_common())
+    if not free:
+        often = "; ".join(f"{pair} touch in {share:.0%}" for pair, share in pairs if share > 0.5)
+        raise ValueError(f"no random pose is free of collisions: {often}; add links to collision_exempt or change rest")
+    views = [env.reset(options={"joint_positions": pose})[1] for pose in free]
+    seen = np.array([~np.isnan(info["pixel_distances"]) for info in views])
+    return Survey(
+        joints=env.arm.spec.joints,
+        limits=env.arm.limits,
+        travel=_travel(env, free[:20]),
+        free=len(free) / n_poses,
+        collisions=pairs,
+        goals=float(np.mean([info["is_success"] for info in views])),
+        random_steps=_random_steps(env, n_steps, seed),
+        seen=(float(seen.all(axis=1).mean()), float(seen.any(axis=1).mean())),
+        mirrored_joints=_mirrored_joints(env, poses[:5]),
+    )
+
+
+def _touching(env: StereoReachEnv, pose: Floats) -> set[str]:
+    env.arm.rest_at(pose)
+    return env.arm.contacts()
+
+
+def _travel(env: StereoReachEnv, poses: list[Floats]) -> Floats:
+    """Push every joint alone, towards the middle of its range."""
+    middle = env.arm.limits.mean(axis=1)
+    moved = np.zeros((len(poses), len(middle)))
+    for (row, pose), joint in product(enumerate(poses), range(len(middle))):
+        env.reset(options={"joint_positions": pose})
+        action = np.zeros(len(middle))
+        action[joint] = 1.0 if pose[joint] < middle[joint] else -1.0
+        env.step(action)
+        moved[row, joint] = abs(env.arm.actuated_positions[joint] - pose[joint])
+    return np.asarray(np.median(moved, axis=0))
+
+
+def _random_steps(env: StereoReachEnv, n_steps: int, seed: int) -> float:
+    rng, goals, steps = np.random.default_rng(seed), 0, 30
+    for _ in range(n_steps):
+        if steps == 30:
+            env.reset(seed=int(rng.integers(2**31)))
+            steps = 0
+        terminated = env.step(rng.uniform(-1, 1, len(env.arm.limits)))[2]
+        goals, steps = goals + terminated, 30 if terminated else steps + 1
+    return n_steps / goals if goals else float("inf")
+
+
+def _mirrored_joints(env: StereoReachEnv, poses: Floats) -> tuple[str, ...] | None:
+    """Try every choice of signs on where the links are, the fewest changes first."""
+    joints = env.arm.spec.joints
+
+    def links(pose: Floats) -> Floats:
+        env.arm.rest_at(pose)
+        return env.arm.chain_positions
+
+    mirrored = [links(pose) * [1.0, -1.0, 1.0] for pose in poses]
+    for signs in sorted(product((1.0, -1.0), repeat=len(joints)), reverse=True):
+        if all(np.allclose(links(pose * signs), there, atol=TINY) for pose, there in zip(poses, mirrored, strict=True)):
+            return tuple(joint for joint, sign in zip(joints, signs, strict=True) if sign < 0)
+    return None
+
+
+def describe(result: Survey) -> str:
+    """Return the measurements as lines for a person."""
+    lines = ["joint                      lower   upper   a full pulse moves it by"]
+    for joint, (low, high), travel in zip(result.joints, result.limits, result.travel, strict=True):
+        lines.append(f"{joint:<24}{low:8.2f}{high:8.2f}{travel:8.2f} rad")
+    mirrored = result.mirrored_joints
+    lines += [
+        f"free of collisions: {result.free:.1%} of random poses"
+        + "".join(f"\n  {pair}: {share:.1%}" for pair, share in result.collisions[:8]),
+        f"both markers seen: {result.seen[0]:.1%} of the free poses in every view, {result.seen[1]:.1%} in one at least",
+        f"goals: {result.goals:.2%} of the free poses; a random agent needs {result.random_steps:.0f} steps for one",
+        f"mirrored_joints: {', '.join(mirrored) or 'none changes sign' if mirrored is not None else 'null'}",
+    ]
+    return "\n".join(lines)
