@@ -36,6 +36,10 @@ class Arm:
         self._links = {info[12].decode(): info[0] for info in infos}
         self._names = {-1: client.getBodyInfo(self.body)[0].decode()} | {i: name for name, i in self._links.items()}
         moving = {info[1].decode(): info for info in infos if info[2] != pybullet.JOINT_FIXED}
+        self.fixed_links: list[int] = []  # to the base, which itself is not among them
+        for info in infos:
+            if info[2] == pybullet.JOINT_FIXED and info[PARENT] in (-1, *self.fixed_links):
+                self.fixed_links.append(info[0])
         self._check_names(moving)
         self._moving = [info[0] for info in moving.values()]
         self.actuated = [moving[joint][0] for joint in spec.joints]
@@ -184,4 +188,7 @@ def _load(spec: ArmSpec, client: Any) -> int:
         places = assets, Path(pybullet_data.getDataPath()), Path()
         found = [place / spec.urdf for place in places if (place / spec.urdf).is_file()]  # a full path stays itself
         require(bool(found), f"no robot file '{spec.urdf}'; give a path, or a URDF of envs/assets or of pybullet_data")
-        return int(client.loadURDF(str(found[0]), spec.base_position, useFixedBase=True, flags=flags))
+        try:
+            return int(client.loadURDF(str(found[0]), spec.base_position, useFixedBase=True, flags=flags))
+        except pybullet.error as error:
+            raise ValueError(f"Bullet cannot load '{spec.urdf}' ({error}); check it and the meshes it names") from error

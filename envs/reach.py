@@ -103,7 +103,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self._braked = brake
         self.n_pulse_steps = max(1, round(pulse_duration * physics_rate))
-        self._default_target = _vector("target_position", target_position, 3)
+        self._default_target = self._target_position = _vector("target_position", target_position, 3)
         n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
         self.observation_space = Box(0, 255, (1, composite.HEIGHT * len(views), composite.WIDTH), np.uint8)
@@ -114,8 +114,10 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         # Without this the order of overlapping pairs, and so a contact's outcome, depends on the past.
         self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
         self.cameras = tuple(Camera(view, self._client) for view in views)
-        self._add_floor(drawn=floor)
+        ground = self._add_floor(drawn=floor)
         self.arm = Arm(spec, self._client)
+        for link in self.arm.fixed_links:  # what stands on the floor touches it in every pose
+            self._client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
         if damping is not None:
             self.arm.set_damping(_vector("damping", damping, n_joints))
         self.effort_limits = _vector("effort_limits", effort_limits or spec.effort_limits, n_joints)
@@ -131,7 +133,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
             ValueError: If a robot or a camera among them is wrong.
         """
         resolved = dict(kwargs)
-        if "arm" in kwargs and kwargs["arm"] not in ARMS:
+        if "arm" in kwargs and not (isinstance(kwargs["arm"], str) and kwargs["arm"] in ARMS):
             resolved["arm"] = plain(arm_spec(kwargs["arm"]))
         if "cameras" in kwargs:
             resolved["cameras"] = plain(camera_specs(kwargs["cameras"]))
@@ -172,6 +174,11 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         else:
             self._place_arm_at_random()
         return composite.composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
+
+    def look(self) -> Image:
+        """What the cameras see of the arm as it stands, as an observation."""
+        self._look()
+        return composite.composite(self._frames)
 
     def step(self, action: ArrayLike) -> tuple[Image, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
@@ -232,18 +239,19 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self._client.removeState(state.bullet_id)
 
     # ------------------------------------------------------------------------------------------------ the scene
-    def _add_floor(self, drawn: bool) -> None:
-        """Add the floor; drawn once, before anything that moves, as the frames' background."""
+    def _add_floor(self, drawn: bool) -> int:
+        """Add the floor and return its body; drawn once, before anything that moves, as the frames' background."""
         client, extents = self._client, FLOOR_HALF_EXTENTS
         shape = client.createCollisionShape(pybullet.GEOM_BOX, halfExtents=extents)
         look = client.createVisualShape(pybullet.GEOM_BOX, halfExtents=extents, rgbaColor=GREY)
         floor = client.createMultiBody(0, shape, look, basePosition=(0.0, 0.0, -extents[2]))
         if drawn and self.render_mode == "human":
-            return  # Bullet's window is to show it
+            return int(floor)  # Bullet's window is to show it
         if drawn:
             for camera in self.cameras:
                 camera.keep_background()
         client.changeVisualShape(floor, -1, rgbaColor=(0.0, 0.0, 0.0, 0.0))  # TinyRenderer skips what is transparent
+        return int(floor)
 
     def _add_ball(self, colour: tuple[float, ...], radius: float) -> int:
         shape = self._client.createVisualShape(pybullet.GEOM_SPHERE, radius=radius, rgbaColor=colour)

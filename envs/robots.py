@@ -24,7 +24,7 @@ class ArmSpec:
         rest: Where the other moving joints are held, as (joint, position) in [rad] or [m]; 0 for those not named.
         base_position: Of the base link's frame, in [m], world.
         mirrored_joints: Actuated joints that turn the other way in the arm's mirror image through the plane y = 0;
-            None if the arm has none. `python -m sb3_stereo check` finds them.
+            None if the arm has none or does not look like it. `python -m sb3_stereo check` tells.
         drive_inertia: Rotor inertia seen at a joint, in [kg m^2], as (link, about its x, y and z axis).
         collision_exempt: Pairs of links that may overlap. A link and its parent always may.
         link_colors: Of links in place of the file's, as (link, (red, green, blue)), from 0 to 1. Pure red and pure
@@ -88,29 +88,31 @@ WAM = ArmSpec(
     collision_exempt=(("forearm", "wrist_pitch"), ("forearm", "wrist_yaw"), ("shoulder_yaw", "upper_arm")),
 )
 
+# Joints 1 and 3 of the next two would mirror their frames, but not their looks: the shells stick out to one side of the
+# links, and a mirrored picture is no picture of theirs. So they have no mirror image.
 KUKA = ArmSpec(
     urdf="kuka_iiwa/model.urdf",
     joints=("lbr_iiwa_joint_1", "lbr_iiwa_joint_2", "lbr_iiwa_joint_3", "lbr_iiwa_joint_4"),
     end_effector_link="lbr_iiwa_link_7",
-    end_effector_offset=(0.0, 0.0, 0.07),
+    end_effector_offset=(0.0, 0.0, 0.07),  # in front of the flange
+    # Chosen so that a full pulse moves each joint by about what it moves the WAM's, with the WAM's damping.
     effort_limits=(20.0, 32.0, 12.0, 7.0),
     damping=(8.0, 10.0, 4.0, 2.0),
-    mirrored_joints=("lbr_iiwa_joint_1", "lbr_iiwa_joint_3"),
 )
 
 PANDA = ArmSpec(
     urdf="franka_panda/panda.urdf",
     joints=("panda_joint1", "panda_joint2", "panda_joint3", "panda_joint4"),
     end_effector_link="panda_grasptarget",
+    # Chosen likewise; the file's inertias, 0.1 kg m^2 for every link, ask for more than the links' masses would.
     effort_limits=(22.0, 32.0, 20.0, 14.0),
     damping=(8.0, 10.0, 4.0, 3.0),
     rest=(
-        ("panda_joint6", 3.141593),
-        ("panda_joint7", 0.785398),
-        ("panda_finger_joint1", 0.04),
+        ("panda_joint6", 3.141593),  # the hand points along the forearm
+        ("panda_joint7", 0.785398),  # and is parallel to the wrist
+        ("panda_finger_joint1", 0.04),  # open, as closed fingers touch
         ("panda_finger_joint2", 0.04),
     ),
-    mirrored_joints=("panda_joint1", "panda_joint3"),
     simple_shapes=True,  # the visual ones have 100 000 triangles, which takes four times as long
     collision_exempt=(("panda_link7", "panda_hand"),),
     # The file's arm is white, as is what is behind it.

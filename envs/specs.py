@@ -79,13 +79,19 @@ def _fit(value: Any, hint: Any, name: str) -> Any:
     if hint is bool:
         require(isinstance(value, bool), f"{name} is {value!r}; give true or false")
         return value
+    fitted = _number(value) if hint is float else value
+    fits = isinstance(fitted, hint) and not isinstance(fitted, bool)
+    require(fits, f"{name} is {value!r}; give {_NAMES[hint]}")
+    return fitted
+
+
+def _number(value: Any) -> float | None:
+    """Return the finite number that a value is or spells, or None."""
     try:
-        number = float(value) if hint is float and not isinstance(value, bool) else value
+        number = float(value)
     except (TypeError, ValueError):
-        number = None
-    fits = isinstance(number, hint) and not isinstance(number, bool)
-    require(fits and (hint is str or math.isfinite(number)), f"{name} is {value!r}; give {_NAMES[hint]}")
-    return number
+        return None
+    return None if isinstance(value, bool) or not math.isfinite(number) else number
 
 
 def _fit_tuple(value: Any, hint: Any, name: str) -> tuple[Any, ...]:

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.composite import WIDTH
 from sb3_stereo.envs.reach import StereoReachEnv
 
 Floats = NDArray[np.float64]
 
+FAR = 8.0  # [px]
 TINY = 1e-3  # [m] between a link and its mirror image that is the same place
 
 
@@ -28,7 +30,11 @@ class Survey:
         goals: Share of the free poses that are goals.
         random_steps: Environment steps per goal of a random agent; infinite if it reached none.
         seen: Share of the free poses with both markers in every view, and in at least one.
+        misplaced: Share of the views of free poses where a marker's blob is more than `FAR` from where it should be: a
+            shell of that colour. (What hides half a marker moves its blob less.)
         mirrored_joints: Joints whose sign the mirror image through y = 0 changes; None if no choice mirrors the arm.
+        unlikeness: How much pictures of mirrored poses differ from mirrored pictures, where 1 is what two random poses
+            differ by; NaN without mirrored joints.
     """
 
     joints: tuple[str, ...]
@@ -39,7 +45,9 @@ class Survey:
     goals: float
     random_steps: float
     seen: tuple[float, float]
+    misplaced: float
     mirrored_joints: tuple[str, ...] | None
+    unlikeness: float
 
 
 def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: int = 0) -> Survey:
@@ -55,7 +63,8 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
         ValueError: If no pose is free.
     """
     rng = np.random.default_rng(seed)
-    poses = rng.uniform(*env.arm.limits.T, (n_poses, len(env.arm.limits)))
+    low, high = env.arm.limits.T
+    poses = rng.uniform(low, high, (n_poses, len(low)))
     touching = [_touching(env, pose) for pose in poses]
     free = [pose for pose, pairs in zip(poses, touching, strict=True) if not pairs]
     counts = Counter(pair for pairs in touching for pair in pairs)
@@ -65,6 +74,7 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
         raise ValueError(f"no random pose is free of collisions: {often}; add links to collision_exempt or change rest")
     views = [env.reset(options={"joint_positions": pose})[1] for pose in free]
     seen = np.array([~np.isnan(info["pixel_distances"]) for info in views])
+    mirrored = _mirrored_joints(env, poses[:5])
     return Survey(
         joints=env.arm.spec.joints,
         limits=env.arm.limits,
@@ -74,13 +84,22 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
         goals=float(np.mean([info["is_success"] for info in views])),
         random_steps=_random_steps(env, n_steps, seed),
         seen=(float(seen.all(axis=1).mean()), float(seen.any(axis=1).mean())),
-        mirrored_joints=_mirrored_joints(env, poses[:5]),
+        misplaced=float(np.mean([_misplaced(env, info) for info in views])),
+        mirrored_joints=mirrored,
+        unlikeness=float("nan") if mirrored is None else _unlikeness(env, mirrored, free[:50]),
     )
 
 
 def _touching(env: StereoReachEnv, pose: Floats) -> set[str]:
     env.arm.rest_at(pose)
     return env.arm.contacts()
+
+
+def _misplaced(env: StereoReachEnv, info: dict[str, Any]) -> float:
+    ends = np.stack([info["end_effector_position"], info["target_position"]])
+    projected = [np.subtract(*camera.spec.project(ends)) for camera in env.cameras]
+    errors = np.linalg.norm(info["pixel_offsets"] - projected, axis=1)
+    return float(np.mean(errors[~np.isnan(errors)] > FAR)) if not np.isnan(errors).all() else 0.0
 
 
 def _travel(env: StereoReachEnv, poses: list[Floats]) -> Floats:
@@ -122,17 +141,35 @@ def _mirrored_joints(env: StereoReachEnv, poses: Floats) -> tuple[str, ...] | No
     return None
 
 
+def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: list[Floats]) -> float:
+    signs = np.array([-1.0 if joint in mirrored_joints else 1.0 for joint in env.arm.spec.joints])
+
+    def views(pose: Floats) -> Floats:
+        env.arm.rest_at(pose)
+        return env.look().reshape(len(env.cameras), -1, WIDTH).astype(float)
+
+    images = np.array([views(pose) for pose in poses])  # (n_poses, n_views, height, width)
+    mirrored = np.array([views(pose * signs) for pose in poses])[:, ::-1, :, ::-1]
+    return float(np.abs(images - mirrored).mean() / np.abs(images - np.roll(images, 1, axis=0)).mean())
+
+
 def describe(result: Survey) -> str:
     """Return the measurements as lines for a person."""
     lines = ["joint                      lower   upper   a full pulse moves it by"]
     for joint, (low, high), travel in zip(result.joints, result.limits, result.travel, strict=True):
         lines.append(f"{joint:<24}{low:8.2f}{high:8.2f}{travel:8.2f} rad")
-    mirrored = result.mirrored_joints
+    mirrored = "null: no choice of signs mirrors the arm"
+    if result.mirrored_joints is not None:
+        mirrored = (
+            f"{', '.join(result.mirrored_joints) or 'none of them'}, with pictures that differ from the mirrored "
+        )
+        mirrored += f"ones by {result.unlikeness:.0%} of what two poses differ by"
     lines += [
         f"free of collisions: {result.free:.1%} of random poses"
         + "".join(f"\n  {pair}: {share:.1%}" for pair, share in result.collisions[:8]),
-        f"both markers seen: {result.seen[0]:.1%} of the free poses in every view, {result.seen[1]:.1%} in one at least",
+        f"both markers seen: {result.seen[0]:.1%} of the free poses in every view, {result.seen[1]:.1%} in some view",
+        f"blobs beside their markers: {result.misplaced:.1%} of the views",
         f"goals: {result.goals:.2%} of the free poses; a random agent needs {result.random_steps:.0f} steps for one",
-        f"mirrored_joints: {', '.join(mirrored) or 'none changes sign' if mirrored is not None else 'null'}",
+        f"mirrored_joints: {mirrored}",
     ]
     return "\n".join(lines)

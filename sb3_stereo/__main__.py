@@ -9,6 +9,7 @@ COMMANDS = {
     "train": "train an agent and score it on the test poses",
     "enjoy": "play a trained agent and count its successes",
     "evaluate": "score a trained agent on the test poses",
+    "check": "measure what an environment offers a learner, before training on your own arm",
     "plot": "draw the learning curves of runs",
     "sweep": "search hyper-parameters, on one machine or a cluster",
     "play_images": "find the markers in ordinary images and print the agent's efforts",

@@ -189,7 +189,7 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
         n_envs=_positive(values.get("n_envs", 1), "n_envs"),
         policy=values["policy"],
         policy_kwargs=_policy_kwargs(policy, values),
-        env_kwargs=_env_kwargs(env_id, values),
+        env_kwargs=check_env_kwargs(env_id, _as_map(values, "env_kwargs")),
         env_wrapper=parse_components(values.get("env_wrapper"), gym.Wrapper, "env_wrapper"),
         callback=parse_components(values.get("callback"), BaseCallback, "callback"),
         algo_kwargs=_algo_kwargs(algo_class, {k: v for k, v in values.items() if k in algo_keys}),
@@ -201,9 +201,13 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
     return replace(config, monitor_kwargs=monitor_kwargs)
 
 
-def _env_kwargs(env_id: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Check the environment's arguments; `max_episode_steps` is the one that `gym.make` takes for itself."""
-    kwargs = _as_map(values, "env_kwargs")
+def check_env_kwargs(env_id: str, kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Check an environment's arguments; `max_episode_steps` is the one that `gym.make` takes for itself.
+
+    Returns:
+        The arguments, with files that the environment would read replaced by what they hold: a record is complete.
+    """
+    kwargs = dict(kwargs)
     cap = {"max_episode_steps": kwargs.pop("max_episode_steps")} if "max_episode_steps" in kwargs else {}
     for key, value in cap.items():
         _positive(value, f"env_kwargs: {key}")
@@ -212,7 +216,6 @@ def _env_kwargs(env_id: str, values: Mapping[str, Any]) -> dict[str, Any]:
     assert creator is not None  # every registered environment has one
     checked = check_kwargs(creator, kwargs, f"env_kwargs of {env_id}", {"render_mode"})
     with refusals_are_errors():
-        # An environment that reads files says what is in them, so that the run's record is complete.
         resolved = creator.plain_kwargs(checked) if hasattr(creator, "plain_kwargs") else checked
     return {**resolved, **cap}
 

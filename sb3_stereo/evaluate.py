@@ -43,7 +43,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     config, _ = load_record(args.run)
     path = model_path(args.run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
-    starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id)
+    starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id, config.env_kwargs)
     n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
     model, env_fn = (
         load_model(config, path, args.device, args.trust),

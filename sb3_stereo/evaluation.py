@@ -131,9 +131,11 @@ def random_starts(n: int, seed: int) -> list[Start]:
     return [{"seed": int(s)} for s in np.random.default_rng(seed).integers(2**31, size=n)]
 
 
-def test_starts(env_id: str) -> list[Start]:
-    """Return the fixed starts for a score: our environments' test poses, 100 seeded resets for anyone else's."""
-    return pose_starts(test_poses(env_id)) if env_id in ENV_IDS else random_starts(N_TEST_POSES, seed=0)
+def test_starts(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[Start]:
+    """Return the fixed starts for a score: our environments' test poses, 100 seeded resets for other arms or tasks."""
+    if env_id in ENV_IDS and "arm" not in (env_kwargs or {}):
+        return pose_starts(test_poses(env_id))
+    return random_starts(N_TEST_POSES, seed=0)
 
 
 test_starts.__test__ = False  # type: ignore[attr-defined]

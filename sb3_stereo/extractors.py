@@ -205,10 +205,13 @@ class StereoCnn(BaseFeaturesExtractor):
         if embedding_dim is not None:
             self.fc.append(nn.Linear(features_dim or flat_dim, embedding_dim))
         initialise(self, init)
-        self.convs.to(memory_format=th.channels_last)  # type: ignore[call-overload]  # faster on CPUs
+        self._laid_out = False
 
     def forward(self, observations: th.Tensor) -> th.Tensor:
         """Map images (batch, channels, height, width) in [0, 1] to features (batch, features_dim)."""
+        if not self._laid_out:  # not at once: PPO initialises anew, and torch's orthogonal_ refuses this layout
+            self.convs.to(memory_format=th.channels_last)  # type: ignore[call-overload]  # faster on CPUs
+            self._laid_out = True
         images = _channels_last(self.input_norm(self.blur(observations)))
         with th.autocast(images.device.type, dtype=th.bfloat16, enabled=self.autocast):
             maps = self.convs(images)  # (batch, filters, rows, columns)

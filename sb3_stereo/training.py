@@ -218,7 +218,7 @@ def make_scoring(config: Config, options: Options, run: Path, on_score: OnScore 
     """Make the callback that scores the agent on the environment's fixed starts."""
     return PoseEvalCallback(
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
-        test_starts(config.env_id),
+        test_starts(config.env_id, config.env_kwargs),
         run,
         checkpoints(config.algo, config.n_timesteps, options.eval_freq),
         options.n_eval_envs,

@@ -22,6 +22,12 @@ class WarmUp(BaseCallback):
         super().__init__(verbose)
         self.replay_ratio = replay_ratio
 
+    def _on_training_start(self) -> None:
+        if not isinstance(self.model, OffPolicyAlgorithm):
+            raise ValueError(
+                f"WarmUp repeats stored transitions, and {type(self.model).__name__} stores none; leave it out"
+            )
+
     def _on_step(self) -> bool:
         model = self.model
         assert isinstance(model, OffPolicyAlgorithm)

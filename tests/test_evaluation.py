@@ -131,6 +131,7 @@ def test_an_environment_without_test_poses_gets_seeded_starts() -> None:
         evaluation.test_poses("FakeReach-v0")
     assert str(error.value) == "no test poses for 'FakeReach-v0'; use random ones with --poses N --seed S"
     assert evaluation.test_starts("FakeReach-v0") == random_starts(100, seed=0)
+    assert evaluation.test_starts("WamStereoReach-v0", {"arm": "kuka"}) == random_starts(100, seed=0)
 
 
 def test_pose_starts_fix_everything_else_by_a_seed() -> None:

@@ -17,6 +17,8 @@ from sb3_stereo import __main__, enjoy, evaluate
 from sb3_stereo import train as train_cli
 from sb3_stereo.building import make_callbacks, make_model, make_training_env
 from sb3_stereo.config import Config, load_config
+from sb3_stereo.building import make_model, make_training_env
+from sb3_stereo.config import ALGORITHMS, Config, load_config
 from sb3_stereo.training import Options, train
 
 ROOT = Path(__file__).parent.parent
@@ -51,10 +53,13 @@ def test_updates_per_environment_step_do_not_depend_on_the_number_of_environment
         assert motion.n_updates == 4 + motion.gradient_steps * (16 - 8 + n_envs)
 
 
-@pytest.mark.parametrize("algo", ["ddpg", "dqn", "td3"])
+@pytest.mark.parametrize("algo", ALGORITHMS)
 def test_train_then_evaluate_then_enjoy(algo: str, logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    conf = ["-conf", str(ROOT / "hyperparams" / "ddpg.yml")] if algo == "td3" else []
-    assert run_train(logs, "--algo", algo, "-n", "40", "--eval-freq", "20", "--save-freq", "20", *conf) == 0
+    if ALGORITHMS[algo] == "sb3_contrib":
+        pytest.importorskip("sb3_contrib", reason='pip install -e ".[contrib]"')
+    params = ["n_envs:1", "n_steps:10", "batch_size:5", "n_epochs:1"] if algo == "ppo" else TINY
+    arguments = ["--algo", algo, "-n", "40", "--eval-freq", "20", "--save-freq", "20"]
+    assert run_train(logs, *arguments, params=params) == 0
     run = logs / algo / "FakeReach-v0_1"
     last_line = capsys.readouterr().out.splitlines()[-1]
     assert last_line.startswith("Done: 40 steps in ")
@@ -149,7 +154,10 @@ def test_an_unseeded_run_prints_and_records_its_seed(logs: Path, capsys: pytest.
 
 
 ERRORS = [
-    (["--algo", "sac"], "unknown algorithm 'sac'; allowed are: ddpg, dqn, td3"),
+    (
+        ["--algo", "a2c"],
+        "unknown algorithm 'a2c' (did you mean 'sac'?); allowed are: crossq, ddpg, dqn, ppo, sac, td3, tqc",
+    ),
     (["-params", "gamma=1"], "'gamma=1' is not of the form key:value, as in learning_starts:100"),
     (["-params", "gamma:[1]"], "DDPG: gamma must be a number, got [1]"),
     (["-conf", "no.yml"], "no hyper-parameter file 'no.yml'; check the path given with -conf"),
