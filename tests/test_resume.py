@@ -40,7 +40,7 @@ class Kill(BaseCallback):
 
 @pytest.fixture(autouse=True)
 def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "test_starts", lambda env_id: random_starts(4, seed=0))
+    monkeypatch.setattr(training, "test_starts", lambda *_: random_starts(4, seed=0))
 
 
 def config(algo: str = "ddpg", n_envs: int = 1) -> Config:

@@ -16,8 +16,6 @@ import pytest
 from sb3_stereo import __main__, enjoy, evaluate
 from sb3_stereo import train as train_cli
 from sb3_stereo.building import make_callbacks, make_model, make_training_env
-from sb3_stereo.config import Config, load_config
-from sb3_stereo.building import make_model, make_training_env
 from sb3_stereo.config import ALGORITHMS, Config, load_config
 from sb3_stereo.training import Options, train
 
