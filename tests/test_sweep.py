@@ -113,7 +113,7 @@ ERRORS: list[tuple[dict[str, Any], str]] = [
         {"metric": {"name": "eval/mean_q", "goal": "max"}},
         "unknown goal 'max'; allowed are: maximize, minimize",
     ),
-    ({"algo": "sac"}, "unknown algorithm 'sac'; allowed are: ddpg, dqn, td3"),
+    ({"algo": "her"}, "unknown algorithm 'her'; allowed are: crossq, ddpg, dqn, ppo, sac, td3, tqc"),
     ({"seeds": 3}, "'tiny.yml': seeds must be a list, got 3"),
     ({"seeds": [1, 1]}, "seeds must be different integers from 0 to 4294967295, got [1, 1]"),
     ({"n_trials": 5}, "n_trials does not go with grid, which trains all combinations; got 5"),
