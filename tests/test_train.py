@@ -21,12 +21,13 @@ from sb3_stereo.training import Options, train
 
 ROOT = Path(__file__).parent.parent
 ENV = ["--env", fake_reach.ENV_ID]
-TINY = ["learning_starts:10", "batch_size:4", "buffer_size:50"]
+SMALL = "policy_kwargs.features_extractor_kwargs.n_filters"
+TINY = ["learning_starts:10", "batch_size:4", "buffer_size:50", f"{SMALL}:4"]
 QUICK = ["--num-threads", "1", "--device", "cpu", "--gym-packages", "fake_reach"]
 
 
 def tiny_config(algo: str = "ddpg", n_timesteps: int = 30, **params: Any) -> Config:
-    tiny = {"learning_starts": 10, "batch_size": 4, "buffer_size": 50}
+    tiny = {"learning_starts": 10, "batch_size": 4, "buffer_size": 50, SMALL: 4}
     return load_config(algo, fake_reach.ENV_ID, params=tiny | params, n_timesteps=n_timesteps)
 
 
@@ -55,7 +56,7 @@ def test_updates_per_environment_step_do_not_depend_on_the_number_of_environment
 def test_train_then_evaluate_then_enjoy(algo: str, logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if ALGORITHMS[algo] == "sb3_contrib":
         pytest.importorskip("sb3_contrib", reason='pip install -e ".[contrib]"')
-    params = ["n_envs:1", "n_steps:10", "batch_size:5", "n_epochs:1"] if algo == "ppo" else TINY
+    params = ["n_envs:1", "n_steps:10", "batch_size:5", "n_epochs:1", f"{SMALL}:4"] if algo == "ppo" else TINY
     arguments = ["--algo", algo, "-n", "40", "--eval-freq", "20", "--save-freq", "20"]
     assert run_train(logs, *arguments, params=params) == 0
     run = logs / algo / "FakeReach-v0_1"
