@@ -6,10 +6,10 @@ PYTHON := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt
 TORCH_INDEX ?=
-EXTRAS := progress,tensorboard,contrib,film,plots,sweep,benchmarks,tests,dev
+EXTRAS := progress,tensorboard,contrib,film,plots,sweep,benchmarks,tests,docs,dev
 ARGS ?=
 
-.PHONY: help venv train test test-slow test-zoo lint benchmark clean
+.PHONY: help venv train test test-slow test-zoo lint docs benchmark clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -34,11 +34,14 @@ lint: $(STAMP) ## check style and types
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
 
+docs: $(STAMP) ## build the pages of docs/ into site/
+	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --strict
+
 benchmark: $(STAMP) ## train what is missing of the paper's tables and write benchmarks/RESULTS.md (hours)
 	$(PYTHON) -m benchmarks.paper_tables $(ARGS)
 
 clean: ## remove builds and caches; keeps .venv and logs
-	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov
+	rm -rf build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov
 	find . -name __pycache__ -not -path "./$(VENV)/*" -prune -exec rm -rf {} +
 
 # Torch comes first and pinned: as a mere dependency, pip would pick whatever build is the newest.
