@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
 import sb3_stereo
 
@@ -71,8 +72,9 @@ def test_every_public_name_can_be_imported() -> None:
     assert str(error.value) == "module 'sb3_stereo' has no attribute 'StereoCNN'"
 
 
-def test_the_change_log_knows_the_version() -> None:
+def test_the_change_log_and_the_citation_know_the_version() -> None:
     assert f"## [{sb3_stereo.__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == sb3_stereo.__version__
 
 
 def test_the_constraints_pin_every_direct_dependency() -> None:
@@ -87,18 +89,18 @@ def test_the_constraints_pin_every_direct_dependency() -> None:
 
 @pytest.mark.slow
 def test_the_wheel_works_away_from_the_checkout(tmp_path: Path) -> None:
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check"]
     # A copy, so that no build/ folder stays in the checkout.
     source = tmp_path / "source"
     ignore = ("--exclude=./.venv", "--exclude=./.git", "--exclude=./logs", "--exclude=./build")
     source.mkdir()
     subprocess.run(f"tar -c {' '.join(ignore)} . | tar -x -C '{source}'", cwd=ROOT, shell=True, check=True)
-    subprocess.run(
-        [*pip, "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", tmp_path, source], cwd=tmp_path, check=True
-    )
+    # The source archive, and from that the wheel.
+    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", tmp_path, source]
+    subprocess.run(build, cwd=tmp_path, stdout=subprocess.DEVNULL, check=True)
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    for name in ("envs/assets/wam.urdf", "envs/reach.py", "hyperparams/paper/ddpg.yml", "py.typed"):
+    poses = "envs/assets/test_poses/WamStereoReach-v0.csv"
+    for name in ("envs/assets/wam.urdf", poses, "envs/reach.py", "hyperparams/paper/ddpg.yml", "py.typed"):
         assert f"sb3_stereo/{name}" in names
     # A new environment; the dependencies' files are lent by this one, as installing torch again takes minutes.
     venv.create(tmp_path / "venv", with_pip=True)
@@ -119,3 +121,6 @@ print(sb3_stereo.__file__, observation.shape, test_poses("WamStereoReach-v0").sh
 """
     run = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[-1] == f"{site / 'sb3_stereo' / '__init__.py'} (1, 84, 84) (100, 4)"
+    command = [tmp_path / "venv" / "bin" / "sb3-stereo", "--version"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert run.stdout == f"sb3_stereo {sb3_stereo.__version__}\n"
