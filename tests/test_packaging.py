@@ -119,7 +119,7 @@ env.close()
 load_config("ddpg", "WamStereoReach-v0")
 print(sb3_stereo.__file__, observation.shape, test_poses("WamStereoReach-v0").shape)
 """
-    run = subprocess.run([python, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    run = subprocess.run([python, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[-1] == f"{site / 'sb3_stereo' / '__init__.py'} (1, 84, 84) (100, 4)"
     command = [tmp_path / "venv" / "bin" / "sb3-stereo", "--version"]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
