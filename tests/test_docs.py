@@ -164,10 +164,10 @@ def check_arguments(module: str, argv: Sequence[str], monkeypatch: pytest.Monkey
         load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
 
 
-def tiny(module: str, argv: list[str]) -> list[str]:
-    """Return the arguments with others that make the command quick."""
+def tiny(module: str, argv: list[str], folder: Path) -> list[str]:
+    """Return the arguments, patterns replaced by files, with others that make the command quick."""
     name = module.removeprefix("sb3_stereo.")
-    argv = [file for word in argv for file in (sorted(glob.glob(word)) or [word])]
+    argv = [file for word in argv for file in (sorted(glob.glob(word, root_dir=folder)) or [word])]
     if name == "train":
         for flag, assignments in TINY_ASSIGNMENTS.items():
             at = argv.index(flag) + 1 if flag in argv else len(argv)
@@ -186,7 +186,7 @@ def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> 
         module, argv = call(command.line)
         if module.removeprefix("sb3_stereo.") not in TINY or "--resume" in argv or "logs/sweeps" in command.line:
             continue
-        line = [sys.executable, "-m", module, *tiny(module, argv)]
+        line = [sys.executable, "-m", module, *tiny(module, argv, stage)]
         result = subprocess.run(line, cwd=stage, env=environment, capture_output=True, text=True, check=False)
         assert result.returncode == 0, f"{command}\n{result.stderr}"
         ran.append(module)
