@@ -4,12 +4,15 @@
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
-PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt
+CONSTRAINTS := constraints.txt
+PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS:%=-c %)
 TORCH_INDEX ?=
 EXTRAS := progress,tensorboard,contrib,film,plots,sweep,benchmarks,tests,docs,dev
 ARGS ?=
 
-.PHONY: help venv train test test-slow test-zoo lint docs benchmark clean
+NEWEST := .venv-newest
+
+.PHONY: help venv train test test-slow test-zoo test-newest audit lint docs benchmark clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
@@ -28,6 +31,14 @@ test-slow: $(STAMP) ## run the tests that take longer
 test-zoo: $(STAMP) ## install rl_zoo3 and train with it
 	$(PIP) -e ".[zoo]"
 	$(PYTHON) -m pytest -q -m zoo $(ARGS)
+
+test-newest: ## run the tests with the newest versions that setup.cfg allows, in a fresh .venv-newest
+	rm -rf $(NEWEST)
+	$(MAKE) --no-print-directory VENV=$(NEWEST) CONSTRAINTS= test
+
+audit: $(STAMP) ## ask for known vulnerabilities of the pinned versions (needs the network)
+	$(PIP) -e ".[audit]"
+	$(PYTHON) -m pip_audit --strict -r constraints.txt --no-deps --disable-pip $(ARGS)
 
 lint: $(STAMP) ## check style and types
 	$(PYTHON) -m ruff check .

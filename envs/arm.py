@@ -1,6 +1,7 @@
 """An arm in Bullet: its poses, and pulses of effort."""
 
 import math
+import os
 from collections.abc import Iterable, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -12,10 +13,11 @@ import pybullet_data
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_stereo.envs.robots import ArmSpec
-from sb3_stereo.envs.specs import require, require_known
+from sb3_stereo.envs.specs import quoted, require, require_known, require_readable
 
 Floats = NDArray[np.float64]
 
+MAX_LIMIT = 1000.0  # [rad] or [m], of a joint's position
 HOLDING_EFFORT = 100.0  # [N m], of a joint that is not actuated
 PARENT = 16  # of getJointInfo
 LINK_ORIGIN, LINK_ORIENTATION = 4, 5  # of getLinkState: the URDF frame, not the centre of mass
@@ -41,6 +43,7 @@ class Arm:
             if info[2] == pybullet.JOINT_FIXED and info[PARENT] in (-1, *self.fixed_links):
                 self.fixed_links.append(info[0])
         self._check_names(moving)
+        self._check_motion(list(moving.values()))
         self._moving = [info[0] for info in moving.values()]
         self.actuated = [moving[joint][0] for joint in spec.joints]
         self._actuated_of_moving = [self._moving.index(joint) for joint in self.actuated]
@@ -65,6 +68,29 @@ class Arm:
             require_known("link", link, self._links, "the robot's moving ones")
         for link in (*(link for pair in spec.collision_exempt for link in pair), *dict(spec.link_colors)):
             require_known("link", link, self._names.values(), "the robot's")
+
+    def _check_motion(self, moving: Sequence[Any]) -> None:
+        """Raise a ValueError if the file's numbers would make poses of NaN."""
+        file, names = quoted(self.spec.urdf), [info[1].decode() for info in moving]
+        for name, info in zip(names, moving, strict=True):
+            simple = info[2] in (pybullet.JOINT_REVOLUTE, pybullet.JOINT_PRISMATIC)
+            require(simple, f"joint '{name}' of {file} neither turns nor slides; use revolute and prismatic joints")
+            far = max(map(abs, _limits(info)))
+            require(far <= MAX_LIMIT, f"joint '{name}' of {file} has a limit of {far}; give at most {MAX_LIMIT:.0f}")
+        require(
+            self._moves(len(moving)), f"{file} has a mass, an inertia, an origin or an axis of no robot; check them"
+        )
+
+    def _moves(self, n_moving: int) -> bool:
+        """Whether every link is somewhere, and the mass matrix positive definite."""
+        client, links = self._client, list(range(self._client.getNumJoints(self.body)))
+        states = client.getLinkStates(self.body, links, computeForwardKinematics=True)
+        try:
+            mass = np.array(client.calculateMassMatrix(self.body, [0.0] * n_moving))
+        except SystemError:  # PyBullet's, in place of its own error
+            return False
+        finite = np.isfinite([state[LINK_ORIGIN] for state in states]).all() and np.isfinite(mass).all()
+        return bool(finite and np.linalg.eigvalsh(mass).min() > 0.0)
 
     def _set_up_joints(self, damping: Iterable[float]) -> None:
         client, body = self._client, self.body
@@ -186,9 +212,11 @@ def _load(spec: ArmSpec, client: Any) -> int:
     )
     with as_file(files("sb3_stereo.envs") / "assets") as assets:
         places = assets, Path(pybullet_data.getDataPath()), Path()
-        found = [place / spec.urdf for place in places if (place / spec.urdf).is_file()]  # a full path stays itself
-        require(bool(found), f"no robot file '{spec.urdf}'; give a path, or a URDF of envs/assets or of pybullet_data")
+        paths = [str(place / spec.urdf) for place in places]  # a full path stays itself
+        found = next(filter(os.path.isfile, paths), spec.urdf)
+        require_readable(found, "robot", "give a path, or a URDF of envs/assets or of pybullet_data")
         try:
-            return int(client.loadURDF(str(found[0]), spec.base_position, useFixedBase=True, flags=flags))
+            return int(client.loadURDF(found, spec.base_position, useFixedBase=True, flags=flags))
         except pybullet.error as error:
-            raise ValueError(f"Bullet cannot load '{spec.urdf}' ({error}); check it and the meshes it names") from error
+            refusal = f"Bullet cannot load {quoted(spec.urdf)} ({error}); check it and the meshes it names"
+            raise ValueError(refusal) from error

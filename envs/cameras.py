@@ -10,10 +10,12 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.specs import from_map, read_yaml, require
+from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require
 
 Vector = tuple[float, float, float]
 Frame = NDArray[np.uint8]
+
+MAX_SIDE = 4096  # [px], of a frame: 64 MiB
 
 # Mostly ambient: tones stay within a quarter of their nominal luminance, so that shells and markers stay apart.
 LIGHT: dict[str, Any] = {
@@ -55,15 +57,18 @@ class CameraSpec:
     far: float = 10.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.horizontal_fov < math.pi:
-            raise ValueError(f"camera '{self.name}': horizontal_fov is {self.horizontal_fov}; give radians in (0, pi)")
-        if min(self.width, self.height) < 1:
-            raise ValueError(f"camera '{self.name}': {self.width} x {self.height} px; give at least 1 x 1")
-        if not 0.0 < self.near < self.far:
-            raise ValueError(f"camera '{self.name}': near {self.near}, far {self.far}; give 0 < near < far")
+        this = f"camera {quoted(self.name)}"
+        fit_fields(self, this)
+        fov, size = self.horizontal_fov, (self.width, self.height)
+        require(0.0 < fov < math.pi, f"{this}: horizontal_fov is {fov}; give radians in (0, pi)")
+        require(min(size) >= 1, f"{this}: {quoted(size[0])} x {quoted(size[1])} px; give at least 1 x 1")
+        require(max(size) <= MAX_SIDE, f"{this}: {quoted(max(size))} px; give at most {MAX_SIDE} a side")
+        require(0.0 < self.near < self.far, f"{this}: near {self.near}, far {self.far}; give 0 < near < far")
         forward = np.subtract(self.target, self.position)
-        if not np.linalg.norm(np.cross(forward, self.up)) > 0.0:
-            raise ValueError(f"camera '{self.name}': it looks along its up direction {self.up}; choose another up")
+        aside = np.linalg.norm(np.cross(forward, self.up))
+        require(bool(aside > 0.0), f"{this}: it looks along its up direction {self.up}; choose another up")
+        drawable = np.isfinite([*self.view_matrix, *self.projection_matrix]).all()
+        require(bool(drawable), f"{this}: a distance or an angle in it is too small to draw with; give a larger one")
 
     @property
     def view_matrix(self) -> tuple[float, ...]:

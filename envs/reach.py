@@ -17,7 +17,7 @@ from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_spec
 from sb3_stereo.envs.markers import find_blobs
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
-from sb3_stereo.envs.specs import plain, require
+from sb3_stereo.envs.specs import MAX_NUMBER, as_number, fit, plain, quoted, require
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -25,6 +25,8 @@ Image = NDArray[np.uint8]
 RED, BLUE, GREY = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0), (0.8, 0.8, 0.8, 1.0)
 GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
 FLOOR_HALF_EXTENTS = (3.0, 3.0, 0.05)  # [m]
+MAX_PULSE_STEPS = 100_000  # some seconds of computing
+MAX_PHYSICS_RATE = 100_000  # [Hz]
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
 RESET_OPTIONS = ("joint_positions", "target_position")
 
@@ -93,17 +95,21 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         brake: bool = True,
         floor: bool = False,
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise ValueError(f"unknown render_mode '{render_mode}'; it is one of None, 'rgb_array', 'human'")
-        _positive(rho=rho, distance_scale=distance_scale, pulse_duration=pulse_duration)
-        require(240 <= physics_rate < math.inf, f"physics_rate is {physics_rate}; give at least 240 Hz")
+        known = render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])
+        require(known, f"unknown render_mode {quoted(render_mode)}; it is one of None, 'rgb_array', 'human'")
+        rho, distance_scale = _positive("rho", rho), _positive("distance_scale", distance_scale)
+        physics_rate, n_pulse_steps = _timing(physics_rate, pulse_duration)
+        for name, flag in (("gravity_compensation", gravity_compensation), ("brake", brake), ("floor", floor)):
+            fit(flag, bool, name)
         spec, views = arm_spec(arm), camera_specs(cameras)
         sizes = {f"{view.width} x {view.height}" for view in views}
         require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
+        diagonal = math.hypot(views[0].width, views[0].height)
+        require(rho < diagonal, f"rho is {rho:g}; give less than {diagonal:.0f} px, the diagonal of a picture")
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self._braked = brake
-        self.n_pulse_steps = max(1, round(pulse_duration * physics_rate))
-        self._default_target = self._target_position = _vector("target_position", target_position, 3)
+        self.n_pulse_steps = n_pulse_steps
+        self._default_target = self._target_position = _bounded("target_position", target_position, 3)
         n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
         self.observation_space = Box(0, 255, (1, composite.HEIGHT * len(views), composite.WIDTH), np.uint8)
@@ -119,9 +125,12 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         for link in self.arm.fixed_links:  # what stands on the floor touches it in every pose
             self._client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
         if damping is not None:
-            self.arm.set_damping(_vector("damping", damping, n_joints))
-        self.effort_limits = _vector("effort_limits", effort_limits or spec.effort_limits, n_joints)
-        require(bool(np.all(self.effort_limits > 0)), f"effort_limits are {effort_limits}; give positive numbers")
+            values = _bounded("damping", damping, n_joints)
+            require(values.min() >= 0, f"damping is {quoted(damping)}; give numbers of at least 0")
+            self.arm.set_damping(values)
+        efforts = spec.effort_limits if effort_limits is None else effort_limits
+        self.effort_limits = _bounded("effort_limits", efforts, n_joints)
+        require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
         self.markers = tuple(self._add_ball(colour, spec.marker_radius) for colour in (RED, BLUE))
         self._start = self._client.saveState()
 
@@ -162,13 +171,16 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
                 `target_position`, shape (3,), in [m], for this episode.
 
         Raises:
-            ValueError: If an option is unknown, malformed, outside the joint limits, or a pose that collides.
+            ValueError: If an option is unknown, malformed, outside the joint limits, or a pose that collides; or if
+                there is no random pose to begin from.
         """
         super().reset(seed=seed)
-        options = options or {}
+        options = {} if options is None else options
+        known = ", ".join(RESET_OPTIONS)
+        require(isinstance(options, Mapping), f"the reset options are {quoted(options)}; give a map of {known}")
         for name in options:
-            require(name in RESET_OPTIONS, f"unknown reset option '{name}'; options are {', '.join(RESET_OPTIONS)}")
-        self._target_position = _vector("target_position", options.get("target_position", self._default_target), 3)
+            require(name in RESET_OPTIONS, f"unknown reset option {quoted(name)}; options are {known}")
+        self._target_position = _bounded("target_position", options.get("target_position", self._default_target), 3)
         if "joint_positions" in options:
             self._place_arm_as_told(_vector("joint_positions", options["joint_positions"], len(self.arm.limits)))
         else:
@@ -280,12 +292,15 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
 
     def _place_arm_at_random(self) -> None:
         low, high = self.arm.limits.T
+        n_free = 0
         for _ in range(MAX_DRAWS):
             if self._place_arm(self.np_random.uniform(low, high)):
+                n_free += 1
                 self._look()
                 if not rewards.is_goal(self._distances, self.rho):
                     return
-        raise RuntimeError(f"no free pose in {MAX_DRAWS} draws; the arm collides almost everywhere")
+        found = f"of {MAX_DRAWS} random poses {n_free} are free of collisions, and none is away from the goal"
+        raise ValueError(f"{found}; give the arm more room, or a smaller rho")
 
     # ------------------------------------------------------------------------------------------------ the view
     def _look(self) -> None:
@@ -317,17 +332,36 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         }
 
 
-def _positive(**values: float) -> None:
-    for name, value in values.items():
-        require(0 < value < math.inf, f"{name} is {value}; give a positive number")
+def _positive(name: str, value: Any) -> float:
+    number = as_number(value) or 0.0
+    require(number > 0.0, f"{name} is {quoted(value)}; give a positive number")
+    return number
+
+
+def _timing(physics_rate: Any, pulse_duration: Any) -> tuple[float, int]:
+    """The simulation's rate in [Hz] and the steps that a pulse takes."""
+    rate, given = as_number(physics_rate) or 0.0, f"physics_rate is {quoted(physics_rate)}"
+    require(rate >= 240, f"{given}; give at least 240 Hz")
+    require(rate <= MAX_PHYSICS_RATE, f"{given}; give at most {MAX_PHYSICS_RATE} Hz")
+    n_steps = _positive("pulse_duration", pulse_duration) * rate
+    so_many = f"pulse_duration is {quoted(pulse_duration)}, which takes {n_steps:.3g} simulation steps"
+    require(n_steps <= MAX_PULSE_STEPS, f"{so_many}; give a shorter one, of at most {MAX_PULSE_STEPS} steps")
+    return rate, max(1, round(n_steps))
+
+
+def _bounded(name: str, value: Any, size: int) -> Floats:
+    """`value` as a vector of numbers that physics can bear."""
+    vector = _vector(name, value, size)
+    require(np.abs(vector).max() <= MAX_NUMBER, f"{name} is {vector.tolist()}; give at most {MAX_NUMBER:g}")
+    return vector
 
 
 def _vector(name: str, value: Any, size: int) -> Floats:
     """`value` as a finite vector of `size` numbers, a copy."""
     try:
         vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} is {value!r}; give {size} numbers") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} is {quoted(value)}; give {size} numbers") from None
     require(vector.shape == (size,), f"{name} has shape {vector.shape}; give ({size},)")
     require(bool(np.all(np.isfinite(vector))), f"{name} is {vector.tolist()}; give finite numbers")
     return vector

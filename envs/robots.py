@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sb3_stereo.envs.specs import from_map, read_yaml, require
+from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require, require_known
 
 Vector = tuple[float, float, float]
 
@@ -52,17 +52,23 @@ class ArmSpec:
     marker_radius: float = 0.07
 
     def __post_init__(self) -> None:
+        fit_fields(self, "arm")
         n_joints = len(self.joints)
-        require(0 < n_joints == len(set(self.joints)), f"joints are {self.joints}; give at least one, each once")
+        once = 0 < n_joints == len(set(self.joints))
+        require(once, f"joints are {quoted(self.joints)}; give at least one, each once")
         for name, values in (("effort_limits", self.effort_limits), ("damping", self.damping)):
             require(len(values) == n_joints, f"{name} has {len(values)} values for {n_joints} joints; give one each")
         require(min(self.effort_limits) > 0, f"effort_limits are {self.effort_limits}; give positive numbers")
         require(min(self.damping) >= 0, f"damping is {self.damping}; give numbers of at least 0")
         require(self.marker_radius > 0, f"marker_radius is {self.marker_radius}; give a positive number")
+        for link, inertia in self.drive_inertia:
+            useful = min(inertia) >= 0 and sum(inertia) > 0
+            require(useful, f"drive_inertia of {quoted(link)} is {inertia}; give one axis a positive number, none less")
         for joint in self.mirrored_joints or ():
-            require(joint in self.joints, f"mirrored_joints has '{joint}'; choose from {', '.join(self.joints)}")
+            require_known("one of mirrored_joints", joint, self.joints, "the actuated joints")
         for joint, _ in self.rest:
-            require(joint not in self.joints, f"rest has '{joint}', which is actuated; leave it out of one of them")
+            held = joint not in self.joints
+            require(held, f"rest has {quoted(joint)}, which is actuated; leave it out of one of them")
 
 
 WAM = ArmSpec(
@@ -149,7 +155,8 @@ def arm_spec(arm: ArmSpec | Mapping[str, Any] | str) -> ArmSpec:
         return from_map(ArmSpec, arm, "arm")
     if arm in ARMS:
         return ARMS[arm]
-    require(arm.endswith((".yml", ".yaml")), f"unknown arm '{arm}'; arms are {', '.join(ARMS)}, or give a .yml file")
-    spec = from_map(ArmSpec, read_yaml(arm, "arm"), f"arm '{arm}'")
+    is_file = arm.endswith((".yml", ".yaml"))
+    require(is_file, f"unknown arm {quoted(arm)}; arms are {', '.join(ARMS)}, or give a .yml file")
+    spec = from_map(ArmSpec, read_yaml(arm, "arm"), f"arm {quoted(arm)}")
     beside = Path(arm).resolve().parent / spec.urdf
     return replace(spec, urdf=str(beside)) if beside.is_file() else spec

@@ -59,6 +59,8 @@ def make_training_env(
         vec_env: "dummy" steps them in this process, "subproc" each in its own.
         append: Go on with the records that are there.
     """
+    if vec_env == "subproc":  # a process could only die of arguments that this one can refuse
+        make_env(config.env_id, config.env_kwargs, config.env_wrapper)().close()
     return make_vec_env(
         make_env(config.env_id, config.env_kwargs, ()),
         n_envs=config.n_envs,

@@ -15,6 +15,7 @@ from sb3_stereo import ENV_IDS
 from sb3_stereo.building import make_env
 from sb3_stereo.components import Component
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.workers import close, deaths_are_errors
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -188,15 +189,19 @@ def evaluate(
         n_envs: Environments that are stepped together, each with its share of the starts.
         vec_env_cls: How they are stepped.
         progress: Called with the number of finished starts.
+
+    Raises:
+        ConfigError: If there is no start, or a process that steps an environment died.
     """
     if not starts:
         raise ConfigError("there is nothing to score: give at least one pose")
     shares = [starts[i::n_envs] for i in range(min(n_envs, len(starts)))]
     env = vec_env_cls([_starting(env_fn, share) for share in shares])
     try:
-        return _Scoring(model, env, [len(share) for share in shares]).run(progress)
+        with deaths_are_errors(env):
+            return _Scoring(model, env, [len(share) for share in shares]).run(progress)
     finally:
-        env.close()
+        close(env)
 
 
 def _starting(env_fn: Callable[[], gym.Env], share: Sequence[Start]) -> Callable[[], gym.Env]:

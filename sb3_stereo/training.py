@@ -5,7 +5,7 @@ import shutil
 import signal
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from types import FrameType
@@ -38,6 +38,7 @@ from sb3_stereo.runs import (
     save_records,
 )
 from sb3_stereo.state import State
+from sb3_stereo.workers import WorkerDied, close, deaths_are_errors
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -115,7 +116,8 @@ def train(
         on_score: Called with the run directory after every score but the last.
 
     Raises:
-        ConfigError: If the environment or the model refuses its arguments, or the disk is full.
+        ConfigError: If the environment or the model refuses its arguments, the disk is full, or a process that steps
+            an environment died.
     """
     run = create_run(options.log_folder, config.algo, config.env_id)
     tensorboard = _tensorboard_folder(options, config)
@@ -177,20 +179,21 @@ def _train_in(
         callbacks = [*make_callbacks(config), *_own_callbacks(options), scoring]
         callbacks += [TensorboardPictures(scoring, options.seed)] if tensorboard else []
         checkpoint = Checkpoint(run, options.save_freq, callbacks, lambda: _logs(run, tensorboard), state)
-        with signals_interrupt():
+        with signals_interrupt(), deaths_are_errors(env):
             interrupted = _learn(model, config, [*callbacks, checkpoint])
         with signals_ignored():
             save_model(model, run / f"{env_name(config.env_id)}.zip")
             if not interrupted:
                 remove_checkpoints(run)
+    except WorkerDied as error:
+        raise ConfigError(f"{error.what}; see that there is memory for it, then {how_to_resume(run)}") from error
     except OSError as error:
         if error.errno in DISK_FULL:
             way_out = f"make room, then {how_to_resume(run)}"
             raise ConfigError(f"cannot write to '{run}' ({error.strerror}); {way_out}") from error
         raise
     finally:
-        with suppress(EOFError, BrokenPipeError):  # a worker that the signal reached first
-            env.close()
+        close(env)
     return Result(run, model.num_timesteps, scoring.last, interrupted)
 
 

@@ -307,5 +307,28 @@ def test_a_wrong_spec_names_the_choices(client: Client, change: dict[str, object
     assert str(error.value) == message
 
 
+WHEEL = """<robot name="wheel"><link name="stand"/>
+<link name="hand"><inertial><mass value="{mass}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="turn" type="{kind}"><parent link="stand"/><child link="hand"/><axis xyz="0 0 1"/>
+<limit lower="{low}" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": "nan"}, "{file} has a mass, an inertia, an origin or an axis of no robot; check them"),
+        ({"mass": "-1"}, "{file} has a mass, an inertia, an origin or an axis of no robot; check them"),
+        ({"low": "-1e300"}, "joint 'turn' of {file} has a limit of 1e+300; give at most 1000"),
+        ({"kind": "spherical"}, "joint 'turn' of {file} neither turns nor slides; use revolute and prismatic joints"),
+    ],
+)
+def test_a_file_of_no_robot_is_explained(client: Client, tmp_path: Path, change: dict[str, str], message: str) -> None:
+    file = tmp_path / "wheel.urdf"
+    file.write_text(WHEEL.format(**{"mass": "1", "low": "-1", "kind": "revolute"} | change))
+    with pytest.raises(ValueError) as error:
+        Arm(ArmSpec(str(file), ("turn",), "hand", (1.0,), (1.0,)), client)
+    assert str(error.value) == message.format(file=repr(str(file)))
+
+
 def test_pybullet_returns_arrays() -> None:
     assert pybullet.isNumpyEnabled(), "a PyBullet without NumPy draws ten times slower"

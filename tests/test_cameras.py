@@ -37,6 +37,13 @@ def test_the_pair_sees_from_a_right_angle() -> None:
     [
         ({"horizontal_fov": 4.0}, "camera 'top': horizontal_fov is 4.0; give radians in (0, pi)"),
         ({"width": 0}, "camera 'top': 0 x 240 px; give at least 1 x 1"),
+        ({"width": 10**6}, "camera 'top': 1000000 px; give at most 4096 a side"),
+        ({"position": None}, "camera 'top': position is None; give 3 numbers"),
+        ({"far": 1e9}, "camera 'top': far is 1000000000.0; give at most 10000"),
+        (
+            {"horizontal_fov": 1e-300},
+            "camera 'top': a distance or an angle in it is too small to draw with; give a larger one",
+        ),
         ({"near": 2.0, "far": 1.0}, "camera 'top': near 2.0, far 1.0; give 0 < near < far"),
         ({"target": (0, 0, 0)}, "camera 'top': it looks along its up direction (0.0, 0.0, 1.0); choose another up"),
     ],

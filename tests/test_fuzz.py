@@ -1,8 +1,12 @@
 """Whatever comes in, the answer is a documented error in one sentence, or it works: never a traceback, a hang or a NaN.
 
-The cases are drawn by Hypothesis, always the same ones; together they are more than two thousand.
+The cases are drawn by Hypothesis, always the same ones; together they are more than three thousand.
 """
 
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +20,12 @@ from hypothesis import strategies as st
 from sb3_stereo import train as train_cli
 from sb3_stereo import training
 from sb3_stereo.config import Config, load_config, parse_config
+from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs
 from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.envs.robots import WAM, ArmSpec, arm_spec
+from sb3_stereo.envs.simulation import Client
+from sb3_stereo.envs.specs import plain
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.training import Result
 
@@ -123,14 +132,117 @@ env_values = values | numbers | st.lists(numbers, min_size=3, max_size=4)
 @settings(max_examples=400, **SAME_EVERY_TIME)
 @given(st.dictionaries(st.sampled_from(ARGUMENTS), env_values, min_size=1, max_size=2))
 def test_any_environment_options_make_a_task_or_one_sentence(options: dict[str, Any]) -> None:
-    if options.get("render_mode") == "human":
-        return
     try:
         env = StereoReachEnv(**options)
     except ValueError as error:
         check_sentence(str(error))
+        return
+    check_episode(env)
+
+
+def check_episode(env: StereoReachEnv) -> None:
+    """An environment that has been made begins, or says why it cannot, and moves without a NaN."""
+    try:
+        env.reset(seed=0)
+    except ValueError as error:
+        check_sentence(str(error))
     else:
+        image, reward, *_, info = env.step(np.ones(env.action_space.shape))
+        assert image.shape == env.observation_space.shape and -1.0 <= reward <= 1.0
+        assert np.isfinite(info["joint_positions"]).all() and np.isfinite(info["end_effector_position"]).all()
+    finally:
         env.close()
+
+
+def some_changes(spec: Any) -> st.SearchStrategy[dict[str, Any]]:
+    """One or two fields of a dataclass, with anything in them."""
+    anything = env_values | st.lists(st.text(max_size=3) | numbers, max_size=4) | st.sampled_from(plain(WAM)["joints"])
+    return st.dictionaries(st.sampled_from(list(plain(spec))), anything, min_size=1, max_size=2)
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    client = Client()
+    yield client
+    client.close()
+
+
+@settings(max_examples=400, **SAME_EVERY_TIME)
+@given(changes=some_changes(STEREO_PAIR[0]), as_map=st.booleans())
+def test_any_camera_draws_or_is_one_sentence(client: Client, changes: dict[str, Any], as_map: bool) -> None:
+    try:
+        if as_map:
+            (spec,) = camera_specs([plain(STEREO_PAIR[0]) | changes])
+        else:
+            spec = replace(STEREO_PAIR[0], **changes)
+    except ValueError as error:
+        check_sentence(str(error))
+        return
+    assert isinstance(spec, CameraSpec)
+    if spec.width * spec.height < 500_000:
+        assert Camera(spec, client).frame().shape == (spec.height, spec.width, 4)
+
+
+@settings(max_examples=400, **SAME_EVERY_TIME)
+@given(changes=some_changes(WAM), as_map=st.booleans())
+def test_any_arm_moves_or_is_one_sentence(changes: dict[str, Any], as_map: bool) -> None:
+    try:
+        spec = arm_spec(plain(WAM) | changes) if as_map else replace(WAM, **changes)
+        env = StereoReachEnv(arm=spec)
+    except ValueError as error:
+        check_sentence(str(error))
+        return
+    assert isinstance(spec, ArmSpec)
+    check_episode(env)
+
+
+URDF = (files("sb3_stereo.envs") / "assets" / "wam.urdf").read_text(encoding="utf-8")
+NUMBERS = [match.span() for match in re.finditer(r"-?\d+\.\d+", URDF)]
+TAGS = [match.span() for match in re.finditer(r"<[^>]+>", URDF)]
+WRONG_NUMBERS = ["nan", "inf", "-inf", "1e300", "-1e300", "1e-300", "0", "-1", "", "x", "1 2"]
+
+
+def replaced(span: tuple[int, int], text: str) -> str:
+    return URDF[: span[0]] + text + URDF[span[1] :]
+
+
+urdfs = (
+    st.binary(max_size=60)
+    | st.builds(replaced, st.sampled_from(NUMBERS), st.sampled_from(WRONG_NUMBERS)).map(str.encode)
+    | st.builds(replaced, st.sampled_from(TAGS), st.sampled_from(["", "<robot>", "<link/>", "</joint>"])).map(
+        str.encode
+    )
+    | st.integers(0, len(URDF)).map(lambda end: URDF[:end].encode())
+)
+
+
+@settings(max_examples=80, **SAME_EVERY_TIME, **FIXTURES_ARE_FINE)
+@given(content=urdfs)
+def test_any_robot_file_moves_or_is_one_sentence(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "any.urdf"
+    file.write_bytes(content)
+    client = Client()
+    try:
+        arm = Arm(replace(WAM, urdf=str(file)), client)
+    except ValueError as error:
+        check_sentence(str(error))
+    else:
+        arm.rest_at(arm.limits.mean(axis=1))
+        arm.push(list(WAM.effort_limits), 20)
+        assert np.isfinite(arm.joint_positions).all() and np.isfinite(arm.end_effector_position).all()
+    finally:
+        client.close()
+
+
+@settings(max_examples=200, **SAME_EVERY_TIME)
+@given(
+    path=st.text(max_size=300) | st.sampled_from(["", ".", "/", "wam.yml", "a" * 5000, "a" * 5000 + ".yml", "\0.yml"])
+)
+def test_any_path_is_no_robot_in_one_sentence(client: Client, path: str) -> None:
+    for load in (lambda: arm_spec(path), lambda: Arm(replace(WAM, urdf=path), client)):
+        with pytest.raises(ValueError) as error:
+            load()
+        check_sentence(str(error.value))
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +272,7 @@ def test_any_action_is_a_step_or_one_sentence(env: StereoReachEnv, action: Any) 
 poses = st.lists(st.floats(-3.2, 3.2), min_size=4, max_size=4)
 
 
-@settings(max_examples=400, **SAME_EVERY_TIME)
+@settings(max_examples=250, **SAME_EVERY_TIME)
 @given(
     st.none()
     | st.dictionaries(st.sampled_from(["joint_positions", "target_position", "pose"]), poses | env_values, max_size=2)

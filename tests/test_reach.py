@@ -287,6 +287,7 @@ LIMITS = [[-2.6, 2.6], [-2.0, 2.0], [-2.8, 2.8], [-0.9, 3.1]]
     ("options", "message"),
     [
         ({"pose": 1}, "unknown reset option 'pose'; options are joint_positions, target_position"),
+        (5, "the reset options are 5; give a map of joint_positions, target_position"),
         ({"joint_positions": (0, 0, 0)}, "joint_positions has shape (3,); give (4,)"),
         ({"joint_positions": "up"}, "joint_positions is 'up'; give 4 numbers"),
         ({"joint_positions": (0, 3, 0, 0)}, f"joint_positions [0.0, 3.0, 0.0, 0.0] are outside the limits {LIMITS}"),
@@ -333,7 +334,18 @@ def test_actions_outside_the_space_are_clipped(env: StereoReachEnv) -> None:
         ({"render_mode": "video"}, "unknown render_mode 'video'; it is one of None, 'rgb_array', 'human'"),
         ({"rho": -1}, "rho is -1; give a positive number"),
         ({"pulse_duration": float("nan")}, "pulse_duration is nan; give a positive number"),
+        ({"rho": None}, "rho is None; give a positive number"),
+        ({"rho": 1e9}, "rho is 1e+09; give less than 400 px, the diagonal of a picture"),
         ({"physics_rate": 60}, "physics_rate is 60; give at least 240 Hz"),
+        ({"physics_rate": 1e6}, "physics_rate is 1000000.0; give at most 100000 Hz"),
+        (
+            {"pulse_duration": 1e6},
+            "pulse_duration is 1000000.0, which takes 2.4e+08 simulation steps; "
+            "give a shorter one, of at most 100000 steps",
+        ),
+        ({"brake": "no"}, "brake is 'no'; give true or false"),
+        ({"damping": (1, 1, 1, -1)}, "damping is (1, 1, 1, -1); give numbers of at least 0"),
+        ({"target_position": (0, 0, 1e9)}, "target_position is [0.0, 0.0, 1000000000.0]; give at most 10000"),
         ({"cameras": ()}, "no cameras; give at least one CameraSpec, or map of one"),
         ({"damping": (1, 2)}, "damping has shape (2,); give (4,)"),
         ({"effort_limits": (1, 2)}, "effort_limits has shape (2,); give (4,)"),

@@ -133,7 +133,7 @@ ERRORS: list[tuple[Any, str]] = [
     ({**MINIMAL, "effort_limits": [0]}, "effort_limits are (0.0,); give positive numbers"),
     ({**MINIMAL, "damping": [-1]}, "damping is (-1.0,); give numbers of at least 0"),
     ({**MINIMAL, "marker_radius": 0}, "marker_radius is 0.0; give a positive number"),
-    ({**MINIMAL, "mirrored_joints": ["J2"]}, "mirrored_joints has 'J2'; choose from J1"),
+    ({**MINIMAL, "mirrored_joints": ["J2"]}, "unknown one of mirrored_joints 'J2'; the actuated joints are J1"),
     ({**MINIMAL, "rest": {"J1": 0}}, "rest has 'J1', which is actuated; leave it out of one of them"),
 ]
 
