@@ -47,9 +47,8 @@ class Row:
     def config(self) -> Config:
         """What that command learns."""
         args = make_parser().parse_args(self.command(seed=0)[2:])
-        return load_config(
-            args.algo, args.env, args.conf_file, parse_assignments(args.hyperparams), n_timesteps=args.n_timesteps
-        )
+        params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
+        return load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
 
     @property
     def record(self) -> Path:

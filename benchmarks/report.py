@@ -86,12 +86,11 @@ def comparison(rows: Sequence[Row]) -> list[str]:
             verdict = "confirmed" if low > 0 else "refuted" if high < 0 else "undecided"
             labels = [row.label.strip("*") for row in pair]
             sizes = " and ".join(str(len(values)) for values in last)
-            lines.append(
-                _line([*labels, sizes, f"{np.mean(last[0]) - np.mean(last[1]):.1f} ({low:.0f} to {high:.0f})", verdict])
-            )
+            mean = f"{np.mean(last[0]) - np.mean(last[1]):.1f} ({low:.0f} to {high:.0f})"
+            lines.append(line_of([*labels, sizes, mean, verdict]))
     if not lines:
         return []
-    head = [_line(["DDPG", "DQN", "seeds", "success, difference in points", "DDPG is better"]), _line(["---"] * 5)]
+    head = [line_of(["DDPG", "DQN", "seeds", "success, difference in points", "DDPG is better"]), line_of(["---"] * 5)]
     return ["## Is DDPG better than DQN?\n\nAt the end of their trainings.\n\n" + "\n".join([*head, *lines]) + "\n"]
 
 
@@ -126,17 +125,17 @@ def _row_table(row: Row) -> str:
     actions, values = matrix(row, "mean_action"), matrix(row, "mean_q")
     lines = [
         f"### {row.label}, {_seeds(success)}\n",
-        _line(["environment steps", *(f"{step}" for step in row.checkpoints)]),
-        _line(["---"] * (len(row.checkpoints) + 1)),
-        _line(["success, %", *(_with_interval(column) for column in success.T)]),
-        _line(["steps when reached", *(_mean(column) for column in steps.T)]),
-        _line(["mean \\|a\\|", *(_mean(column) for column in actions.T)]),
-        _line(["mean Q", *(_mean(column) for column in values.T)]),
+        line_of(["environment steps", *(f"{step}" for step in row.checkpoints)]),
+        line_of(["---"] * (len(row.checkpoints) + 1)),
+        line_of(["success, %", *(_with_interval(column) for column in success.T)]),
+        line_of(["steps when reached", *(_mean(column) for column in steps.T)]),
+        line_of(["mean \\|a\\|", *(_mean(column) for column in actions.T)]),
+        line_of(["mean Q", *(_mean(column) for column in values.T)]),
     ]
     if row.name in PUBLISHED:
         published_success, published_steps = PUBLISHED[row.name]
-        lines.insert(4, _line(["published success, %", *map(str, published_success)]))
-        lines.insert(6, _line(["published steps", *map(str, published_steps)]))
+        lines.insert(4, line_of(["published success, %", *map(str, published_success)]))
+        lines.insert(6, line_of(["published steps", *map(str, published_steps)]))
     return "\n".join(lines) + f"\n\n`{' '.join(row.command(0))}`\n"
 
 
@@ -145,7 +144,8 @@ def _seeds(matrix_of_row: Floats) -> str:
     return f"{n_seeds} seed" + "s" * (n_seeds != 1)
 
 
-def _line(entries: Sequence[str]) -> str:
+def line_of(entries: Sequence[str]) -> str:
+    """A line of a Markdown table."""
     return f"| {' | '.join(entries)} |"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require
+from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require, require_known
 
 Vector = tuple[float, float, float]
 Frame = NDArray[np.uint8]
@@ -121,18 +121,26 @@ def stereo_pair(distance: float = 4.0, elevation: float = math.radians(15)) -> t
 STEREO_PAIR = stereo_pair()
 
 
-def camera_specs(cameras: Sequence[CameraSpec | Mapping[str, Any]] | str) -> tuple[CameraSpec, ...]:
-    """Return cameras that are given as themselves, as maps of their fields, or by the path of a YAML file with a list.
+def camera_specs(cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str) -> tuple[CameraSpec, ...]:
+    """Return cameras that are given as themselves, as maps of their fields, by their names in `STEREO_PAIR`, or by the
+    path of a YAML file with a list of these.
 
     Raises:
         ValueError: If there is none, or a field is wrong.
     """
     given = read_yaml(cameras, "camera") if isinstance(cameras, str) else cameras
     require(isinstance(given, Sequence) and len(given) > 0, "no cameras; give at least one CameraSpec, or map of one")
-    return tuple(
-        camera if isinstance(camera, CameraSpec) else from_map(CameraSpec, camera, f"camera {number}")
-        for number, camera in enumerate(given, start=1)
-    )
+    return tuple(_camera_spec(camera, f"camera {number}") for number, camera in enumerate(given, start=1))
+
+
+def _camera_spec(camera: CameraSpec | Mapping[str, Any] | str, what: str) -> CameraSpec:
+    if isinstance(camera, CameraSpec):
+        return camera
+    if not isinstance(camera, str):
+        return from_map(CameraSpec, camera, what)
+    named = {spec.name: spec for spec in STEREO_PAIR}
+    require_known("camera", camera, named, "those with a name")
+    return named[camera]
 
 
 def mirror_each_other(cameras: Sequence[CameraSpec]) -> bool:

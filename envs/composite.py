@@ -1,12 +1,20 @@
-"""The observation: the luminance of every view, stacked into one image (section 3.2)."""
+"""The observation: the luminance of every view, stacked into one image (section 3.2) or arranged otherwise."""
 
+from collections import OrderedDict
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
+from gymnasium.spaces import Box, Dict, Space
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.specs import require, require_known
+
 Frame = NDArray[np.uint8]
+Observation = Any  # an image (channels, height, width), uint8, or a map of camera names to images
+
+COMPOSITES = ("stack", "channels", "dict")
 
 WIDTH, HEIGHT = 84, 42  # of each view in the composite (section 3.2)
 
@@ -27,3 +35,46 @@ def composite(frames: Sequence[Frame]) -> Frame:
         cv2.resize(frame, (WIDTH, HEIGHT), dst=small[view * HEIGHT : (view + 1) * HEIGHT])
     rgb = cv2.cvtColor(small, cv2.COLOR_RGBA2RGB) if small.shape[2] == 4 else small
     return np.asarray(cv2.extractChannel(cv2.cvtColor(rgb, cv2.COLOR_RGB2YUV), 0), np.uint8)[None]
+
+
+class Composite:
+    """The observation that frames make, and its space. The numbers are the same in every arrangement.
+
+    "stack" is the paper's image, all views in one channel: (1, 42 * n_views, 84). "channels" is its future work, a
+    volume of images: (n_views, 42, 84). A view keeps its 42 rows there, so that only the arrangement differs. "dict"
+    maps each camera's name to its image (1, 42, 84).
+
+    Args:
+        arrangement: One of `COMPOSITES`.
+        names: Of the cameras, in their order.
+
+    Raises:
+        ValueError: If the arrangement is unknown, or cameras of a "dict" share a name.
+    """
+
+    def __init__(self, arrangement: str, names: Sequence[str]) -> None:
+        require_known("composite", arrangement, COMPOSITES, "composites")
+        unique = arrangement != "dict" or len(set(names)) == len(names)
+        require(unique, f"cameras {', '.join(names)} share a name; composite 'dict' needs one for each")
+        self.arrangement, self.names = arrangement, tuple(names)
+        one = Box(0, 255, (1, HEIGHT, WIDTH), np.uint8)
+        spaces: dict[str, Space[Any]] = {
+            "stack": Box(0, 255, (1, HEIGHT * len(names), WIDTH), np.uint8),
+            "channels": Box(0, 255, (len(names), HEIGHT, WIDTH), np.uint8),
+            "dict": Dict(OrderedDict((name, one) for name in names)),  # a plain map would be sorted by name
+        }
+        self.space = spaces[arrangement]
+
+    def __call__(self, frames: Sequence[Frame]) -> Observation:
+        """Make an observation of frames (height, width, 3 or 4), uint8, one of each camera."""
+        stack = composite(frames)
+        if self.arrangement == "stack":
+            return stack
+        views = stack.reshape(len(frames), HEIGHT, WIDTH)
+        return views if self.arrangement == "channels" else dict(zip(self.names, views[:, None], strict=True))
+
+
+def as_stack(observation: Observation) -> Frame:
+    """The paper's image (1, n_views * height, width) of an observation in any arrangement."""
+    views = list(observation.values()) if isinstance(observation, dict) else [observation]
+    return np.concatenate([view.reshape(1, -1, view.shape[-1]) for view in views], axis=1)

@@ -11,9 +11,10 @@ import pybullet
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_stereo.envs import composite, rewards
+from sb3_stereo.envs import rewards
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
+from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.markers import find_blobs
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
@@ -42,22 +43,26 @@ class SavedState:
     end_effector_position: Floats
 
 
-class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
+class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
     """Reach a blue target with a red end effector, seen by static cameras only.
 
     An action is one pulse of constant joint efforts; between pulses the arm stands still, so that one composite
     image carries the whole state. Paul & Vig (ICCVW 2017), sections 3.1 to 3.3.
 
     Action: `Box(-1, 1, (n_joints,), float32)`, the share of each joint's effort limit; values outside are clipped.
-    Observation: `Box(0, 255, (1, 42 * n_views, 84), uint8)`, see `composite.composite`.
+    Observation: `Box(0, 255, (1, 42 * n_views, 84), uint8)`; other arrangements by `composite`.
     Reward: Eq. 3, see `rewards`. Terminated at the goal only; the registration truncates at 30 steps.
 
     Args:
         render_mode: None, "rgb_array" (all views side by side), or "human" (Bullet's window; needs a display).
         arm: The robot: an `ArmSpec`, a map of its fields, "wam", "kuka", "panda", or the path of a YAML file.
-        cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or the path of a YAML
-            file with a list of such maps.
+        cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or "left" and "right"
+            for those of the pair, any number of them; or the path of a YAML file with such a list. Goal and reward
+            are judged by the same views.
+        composite: How the views make an observation: "stack", "channels" or "dict", see `composite.Composite`.
         target_position: Of the target, in [m], world.
+        random_target: Draw the target anew at every reset that does not set it: where the end effector is at a
+            random free pose, if that pose is a goal (all cameras see both markers there).
         rho: Mean pixel distance that counts as reached, in [px] (the paper's 10).
         distance_scale: Pixels by which a change of distance is divided (Eq. 2's normalisation): about the largest
             that one pulse makes.
@@ -83,8 +88,10 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         render_mode: str | None = None,
         *,
         arm: ArmSpec | Mapping[str, Any] | str = WAM,
-        cameras: Sequence[CameraSpec | Mapping[str, Any]] | str = STEREO_PAIR,
+        cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str = STEREO_PAIR,
+        composite: str = "stack",
         target_position: Sequence[float] = (0.5, 0.0, 0.6),
+        random_target: bool = False,
         rho: float = 10.0,
         distance_scale: float = 100.0,
         pulse_duration: float = 0.5,
@@ -99,7 +106,12 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         require(known, f"unknown render_mode {quoted(render_mode)}; it is one of None, 'rgb_array', 'human'")
         rho, distance_scale = _positive("rho", rho), _positive("distance_scale", distance_scale)
         physics_rate, n_pulse_steps = _timing(physics_rate, pulse_duration)
-        for name, flag in (("gravity_compensation", gravity_compensation), ("brake", brake), ("floor", floor)):
+        for name, flag in (
+            ("gravity_compensation", gravity_compensation),
+            ("brake", brake),
+            ("floor", floor),
+            ("random_target", random_target),
+        ):
             fit(flag, bool, name)
         spec, views = arm_spec(arm), camera_specs(cameras)
         sizes = {f"{view.width} x {view.height}" for view in views}
@@ -110,9 +122,11 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self._braked = brake
         self.n_pulse_steps = n_pulse_steps
         self._default_target = self._target_position = _bounded("target_position", target_position, 3)
+        self.random_target = random_target
         n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
-        self.observation_space = Box(0, 255, (1, composite.HEIGHT * len(views), composite.WIDTH), np.uint8)
+        self._composite = Composite(composite, [view.name for view in views])
+        self.observation_space = self._composite.space
 
         self._client = Client(gui=render_mode == "human")
         self._client.setTimeStep(1 / physics_rate)
@@ -152,21 +166,23 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
     def mirrored_joints(self) -> tuple[int, ...] | None:
         """Components of the action that change sign in the mirror image through the plane y = 0.
 
-        None where the task is not its own mirror image: for an arm without one, a target or a base beside the plane,
-        or cameras that are not placed in pairs.
+        None where the task is not its own mirror image: for an arm without one, a fixed target or a base beside the
+        plane, or cameras that are not placed in pairs.
         """
         arm = self.arm.spec
-        beside = self._default_target[1], arm.base_position[1]
+        beside = 0.0 if self.random_target else self._default_target[1], arm.base_position[1]
         if arm.mirrored_joints is None or any(beside) or not mirror_each_other([c.spec for c in self.cameras]):
             return None
         return tuple(arm.joints.index(joint) for joint in arm.mirrored_joints)
 
     # ------------------------------------------------------------------------------------------------ Gymnasium
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Image, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Put the arm at a random free pose away from the goal, or where `options` say.
 
         Args:
-            seed: Of the pose.
+            seed: Of the pose, and before it of the target if that is drawn.
             options: `joint_positions` of the actuated joints, shape (n_joints,), in [rad];
                 `target_position`, shape (3,), in [m], for this episode.
 
@@ -180,19 +196,22 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         require(isinstance(options, Mapping), f"the reset options are {quoted(options)}; give a map of {known}")
         for name in options:
             require(name in RESET_OPTIONS, f"unknown reset option {quoted(name)}; options are {known}")
-        self._target_position = _bounded("target_position", options.get("target_position", self._default_target), 3)
+        if self.random_target and "target_position" not in options:
+            self._draw_target()
+        else:
+            self._target_position = _bounded("target_position", options.get("target_position", self._default_target), 3)
         if "joint_positions" in options:
             self._place_arm_as_told(_vector("joint_positions", options["joint_positions"], len(self.arm.limits)))
         else:
             self._place_arm_at_random()
-        return composite.composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
+        return self._composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
 
-    def look(self) -> Image:
+    def look(self) -> Observation:
         """What the cameras see of the arm as it stands, as an observation."""
         self._look()
-        return composite.composite(self._frames)
+        return self._composite(self._frames)
 
-    def step(self, action: ArrayLike) -> tuple[Image, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
 
         Args:
@@ -210,7 +229,7 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         current = self._distances
         goal = rewards.is_goal(current, self.rho)
         changes = rewards.distance_change(previous, current, self.distance_scale)
-        return composite.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+        return self._composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
@@ -291,16 +310,30 @@ class StereoReachEnv(gym.Env[Image, NDArray[np.float32]]):
         self._look()
 
     def _place_arm_at_random(self) -> None:
-        low, high = self.arm.limits.T
         n_free = 0
         for _ in range(MAX_DRAWS):
-            if self._place_arm(self.np_random.uniform(low, high)):
+            if self._place_arm_anywhere():
                 n_free += 1
                 self._look()
                 if not rewards.is_goal(self._distances, self.rho):
                     return
         found = f"of {MAX_DRAWS} random poses {n_free} are free of collisions, and none is away from the goal"
         raise ValueError(f"{found}; give the arm more room, or a smaller rho")
+
+    def _draw_target(self) -> None:
+        """Put the target where a random free pose reaches it: about nine in ten free WAM poses do."""
+        for _ in range(MAX_DRAWS):
+            if self._place_arm_anywhere():
+                self._target_position = self.arm.end_effector_position
+                self._look()
+                if rewards.is_goal(self._distances, self.rho):
+                    return
+        raise ValueError(f"no target in {MAX_DRAWS} draws; move the cameras so that all of them see the arm's hand")
+
+    def _place_arm_anywhere(self) -> bool:
+        """Rest the arm at a pose drawn within its limits; return whether it is free there."""
+        low, high = self.arm.limits.T
+        return self._place_arm(self.np_random.uniform(low, high))
 
     # ------------------------------------------------------------------------------------------------ the view
     def _look(self) -> None:

@@ -10,6 +10,7 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.preprocessing import preprocess_obs
 from stable_baselines3.td3.policies import Actor
 
+from sb3_stereo.envs.composite import as_stack
 from sb3_stereo.sharing import BorrowedEncoder
 
 Image = NDArray[np.uint8]
@@ -27,7 +28,7 @@ def saliency(policy: BasePolicy, observation: Image, spread: NDArray[np.float32]
         spread: Standard deviation of every pixel over observations, (channels, height, width).
 
     Returns:
-        Shape (height, width), from 0 to 1; all 0 where no pixel counts.
+        Shape (channels * height, width), from 0 to 1, a channel below the other; all 0 where no pixel counts.
     """
     policy.set_training_mode(False)
     image = th.as_tensor(observation[None], dtype=th.float32, device=policy.device).requires_grad_()
@@ -35,7 +36,7 @@ def saliency(policy: BasePolicy, observation: Image, spread: NDArray[np.float32]
         outputs = _outputs(policy, image)[0]  # (n_outputs,)
         gradients = [th.autograd.grad(output, image, retain_graph=True)[0][0] for output in outputs]
     changes = th.stack(gradients).cpu().numpy() * spread
-    length = np.sqrt(np.square(changes).sum(axis=(0, 1)))  # over outputs and channels
+    length = np.sqrt(np.square(changes).sum(axis=0)).reshape(-1, changes.shape[-1])  # over outputs
     return np.asarray(length / max(length.max(), 1e-30), np.float32)
 
 
@@ -58,14 +59,14 @@ def overlaid(observation: Image, attention: NDArray[np.float32], factor: int = 5
     """Lay the attention in red over a grey image, enlarged, and put it beside the image alone.
 
     Args:
-        observation: Image (1, height, width), uint8.
+        observation: Image (channels, height, width), uint8; channels are laid one below the other.
         attention: As from `saliency`.
         factor: Of the enlargement.
 
     Returns:
-        RGB, (factor * height, 2 * factor * width, 3).
+        RGB, (factor * channels * height, 2 * factor * width, 3).
     """
-    grey = np.repeat(observation[0, :, :, None], 3, axis=2).astype(np.float32)
+    grey = np.repeat(as_stack(observation)[0, :, :, None], 3, axis=2).astype(np.float32)
     share = attention[:, :, None]
     mixed = (1 - share) * (0.5 * grey + 127) + share * np.array([220.0, 0.0, 0.0])
     both = np.hstack([grey, mixed]).astype(np.uint8)

@@ -10,7 +10,7 @@ import torch as th
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
@@ -40,7 +40,8 @@ class StereoReplayBuffer(ReplayBuffer):
 
     Args:
         args: As in SB3's `ReplayBuffer`.
-        n_views: Views stacked in a composite (1, n_views * height, width); the mirror reverses their order.
+        n_views: Views in an image, stacked in it (1, n_views * height, width) or one in each channel (n_views, height,
+            width); the mirror reverses their order.
         mirrored_joints: Components of the action that change sign: for most arms the joints that turn about an axis in
             that plane. None if the task has no mirror image.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
@@ -80,6 +81,11 @@ class StereoReplayBuffer(ReplayBuffer):
         """
         if not isinstance(model, OffPolicyAlgorithm) or model.replay_buffer is None:
             raise ValueError(f"a StereoReplayBuffer replaces a replay buffer, and {type(model).__name__} has none")
+        if isinstance(model.replay_buffer, DictReplayBuffer):
+            raise ValueError(
+                "a StereoReplayBuffer holds one image per observation, and this environment gives a map of them; "
+                "set its composite to 'stack' or 'channels', or leave StereoReplay and LearnFromMotion out"
+            )
         stereo = cls.__new__(cls)
         stereo.__dict__.update(model.replay_buffer.__dict__)
         stereo._set_up(n_views, mirrored_joints, n_joints, mirror_probability, goal_share)
@@ -203,8 +209,14 @@ class StereoReplayBuffer(ReplayBuffer):
             tensor.index_copy_(0, rows, mirror(tensor.index_select(0, rows)))  # faster than by a mask
 
     def mirror(self, images: th.Tensor) -> th.Tensor:
-        """Flip every view of (batch, 1, n_views * height, width) left to right and reverse their order."""
+        """Flip every view left to right and reverse their order.
+
+        Args:
+            images: Shape (batch, 1, n_views * height, width) or (batch, n_views, height, width).
+        """
         n_images, channels, height, width = images.shape
+        if channels == self.n_views:
+            return images.flip(1, 3)
         views = images.reshape(n_images, channels, self.n_views, height // self.n_views, width)
         return views.flip(2, 4).flatten(2, 3)
 
@@ -260,6 +272,7 @@ class StereoReplay(BaseCallback):
     def _on_training_start(self) -> None:
         model: Any = self.model
         env = self.training_env
+        check_views(env, self.n_views, "StereoReplay has n_views", "callback.StereoReplay.n_views")
         model.replay_buffer = StereoReplayBuffer.of(
             model,
             self.n_views,
@@ -276,3 +289,10 @@ class StereoReplay(BaseCallback):
 def asked(env: VecEnv, attribute: str) -> Any:
     """Return what an environment says of itself, through its wrappers; None if it does not say."""
     return env.get_attr(attribute)[0] if env.has_attr(attribute) else None
+
+
+def check_views(env: VecEnv, n_views: int, what: str, key: str) -> None:
+    """Raise a ValueError if the environment tells of another number of views in its `info`."""
+    found = next((len(info[OFFSETS]) for info in env.unwrapped.reset_infos if OFFSETS in info), n_views)
+    if found != n_views:
+        raise ValueError(f"{what} {n_views}, and the environment has views: {found}; set {key}:{found}")

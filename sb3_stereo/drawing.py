@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.composite import as_stack
 from sb3_stereo.envs.markers import Blobs, find_blobs
 
 Image = NDArray[np.uint8]  # RGB, (height, width, 3)
@@ -57,17 +58,17 @@ class Story(NamedTuple):
     good: bool = True
 
 
-def scene(views: Sequence[View], observation: Image, story: Story, zoom: float = 1.0) -> Image:
+def scene(views: Sequence[View], observation: Any, story: Story, zoom: float = 1.0) -> Image:
     """Put everything into one picture: the views above, the observation and the story below.
 
     Args:
         views: In camera order.
-        observation: What the network sees, (1, height, width).
+        observation: What the network sees, in any arrangement.
         story: The rest.
         zoom: Shows the middle of the views this much larger.
     """
     above = side_by_side(views, zoom)
-    below = _row([_titled("what the network sees", _squares(observation[0]))])
+    below = _row([_titled("what the network sees", _squares(as_stack(observation)[0]))])
     told = _told(story, (below.shape[0], max(above.shape[1] - below.shape[1], 420)))
     rows = [above, np.hstack([below, told])]
     width = max(row.shape[1] for row in rows)

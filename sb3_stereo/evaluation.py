@@ -111,20 +111,29 @@ def test_poses(env_id: str) -> np.ndarray:
     Raises:
         ConfigError: If the environment has none.
     """
-    file = resources.files("sb3_stereo.envs") / "assets" / "test_poses" / f"{env_id}.csv"
-    if not file.is_file():
-        raise ConfigError(f"no test poses for '{env_id}'; use random ones with --poses N --seed S")
-    rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
-    next(rows)  # the header: the joints' names
-    return np.array([[float(value) for value in row] for row in rows])
+    return _test_table(env_id)[0]
 
 
 test_poses.__test__ = False  # type: ignore[attr-defined] # pytest would take it for a test
 
 
-def pose_starts(poses: np.ndarray) -> list[Start]:
-    """Return resets into the given joint positions [rad]; the seed fixes whatever else an environment draws."""
-    return [{"seed": i, "options": {"joint_positions": pose}} for i, pose in enumerate(poses)]
+def _test_table(env_id: str) -> tuple[np.ndarray, np.ndarray | None]:
+    """The poses, and the targets (100, 3) in [m] if the environment's are drawn."""
+    file = resources.files("sb3_stereo.envs") / "assets" / "test_poses" / f"{env_id}.csv"
+    if not file.is_file():
+        raise ConfigError(f"no test poses for '{env_id}'; use random ones with --poses N --seed S")
+    rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
+    n_joints = sum(not name.startswith("target_") for name in next(rows))
+    values = np.array([[float(value) for value in row] for row in rows])
+    return values[:, :n_joints], values[:, n_joints:] if values.shape[1] > n_joints else None
+
+
+def pose_starts(poses: np.ndarray, targets: np.ndarray | None = None) -> list[Start]:
+    """Return resets into joint positions [rad], with targets [m] if given; the seed fixes whatever else is drawn."""
+    starts: list[Start] = [{"seed": i, "options": {"joint_positions": pose}} for i, pose in enumerate(poses)]
+    for start, target in zip(starts, [] if targets is None else targets):
+        start["options"]["target_position"] = target
+    return starts
 
 
 def random_starts(n: int, seed: int) -> list[Start]:
@@ -135,7 +144,7 @@ def random_starts(n: int, seed: int) -> list[Start]:
 def test_starts(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[Start]:
     """Return the fixed starts for a score: our environments' test poses, 100 seeded resets for other arms or tasks."""
     if env_id in ENV_IDS and "arm" not in (env_kwargs or {}):
-        return pose_starts(test_poses(env_id))
+        return pose_starts(*_test_table(env_id))
     return random_starts(N_TEST_POSES, seed=0)
 
 
@@ -224,7 +233,7 @@ class _Scoring:
     def run(self, progress: Callable[[int], object]) -> Evaluation:
         observations: Any = self.env.reset()
         while any(done < count for done, count in zip(self.finished, self.counts, strict=True)):
-            actions = np.array([self._act(i, observations[i]) for i in range(self.env.num_envs)])
+            actions = np.array([self._act(i, _one(observations, i)) for i in range(self.env.num_envs)])
             observations, rewards, dones, infos = self.env.step(actions)
             for i in range(self.env.num_envs):
                 self._record(i, float(rewards[i]), bool(dones[i]), infos[i])
@@ -254,6 +263,11 @@ class _Scoring:
         self.records[index] = (bool(info.get("is_success", False)), *self.current[i][:1], distance, total + reward)
         self.finished[i] += 1
         self.current[i] = (0, 0.0)
+
+
+def _one(observations: Any, i: int) -> Any:
+    """The observation of one environment, also of a map of names to arrays."""
+    return {key: part[i] for key, part in observations.items()} if isinstance(observations, dict) else observations[i]
 
 
 def q_value(model: "BaseAlgorithm", observation: Any, action: Any) -> float:

@@ -151,7 +151,7 @@ class StereoCnn(BaseFeaturesExtractor):
     """Convolutions and one fully connected layer over one image that holds all views (the paper's Section 4.2).
 
     Args:
-        observation_space: Images (channels, height, width).
+        observation_space: Images (channels, height, width), or a Dict of such, which are stacked in its order.
         features_dim: Size of the fully connected layer; None leaves it out and returns the flattened convolutions.
         n_filters: Per convolution, or one number for all of them.
         kernel_sizes: One per convolution; the paper leaves them open.
@@ -171,7 +171,7 @@ class StereoCnn(BaseFeaturesExtractor):
 
     def __init__(
         self,
-        observation_space: spaces.Box,
+        observation_space: spaces.Box | spaces.Dict,
         features_dim: int | None = 200,
         n_filters: int | Sequence[int] = 32,
         kernel_sizes: Sequence[int] = (8, 4, 3),
@@ -184,9 +184,7 @@ class StereoCnn(BaseFeaturesExtractor):
         downsample: int = 1,
         embedding_dim: int | None = None,
     ) -> None:
-        shape: Sequence[int] = observation_space.shape
-        if len(shape) != 3:
-            raise ValueError(f"StereoCnn needs images of shape (channels, height, width), got {shape}")
+        shape = _image_shape(observation_space)
         check_choice("input_norm", input_norm, INPUT_NORMS)
         check_choice("hidden_norm", hidden_norm, HIDDEN_NORMS)
         blurred = None if blur is None else Blur(shape, blur, downsample)
@@ -207,8 +205,11 @@ class StereoCnn(BaseFeaturesExtractor):
         initialise(self, init)
         self._laid_out = False
 
-    def forward(self, observations: th.Tensor) -> th.Tensor:
-        """Map images (batch, channels, height, width) in [0, 1] to features (batch, features_dim)."""
+    def forward(self, observations: th.Tensor | dict[str, th.Tensor]) -> th.Tensor:
+        """Map images (batch, channels, height, width) in [0, 1], or a map of them, to (batch, features_dim)."""
+        if isinstance(observations, dict):  # SB3 may have sorted it
+            assert isinstance(self._observation_space, spaces.Dict)
+            observations = th.cat([observations[name] for name in self._observation_space.spaces], dim=2)
         if not self._laid_out:  # not at once: PPO initialises anew, and torch's orthogonal_ refuses this layout
             self.convs.to(memory_format=th.channels_last)  # type: ignore[call-overload]  # faster on CPUs
             self._laid_out = True
@@ -219,6 +220,19 @@ class StereoCnn(BaseFeaturesExtractor):
             maps.register_hook(_channels_last)  # after the flattening it is not, and every ReLU would be slow
         features: th.Tensor = self.fc(maps.float().flatten(start_dim=1))
         return features
+
+
+def _image_shape(space: spaces.Box | spaces.Dict) -> Sequence[int]:
+    """Of the one image (channels, height, width) that the observations make."""
+    views = list(space.spaces.values()) if isinstance(space, spaces.Dict) else [space]
+    shapes = {view.shape for view in views}
+    shape = shapes.pop()
+    if shapes or shape is None or len(shape) != 3:
+        found = ", ".join(str(view.shape) for view in views)
+        one = "one shape" if shapes else "shape"
+        raise ValueError(f"StereoCnn needs images of {one} (channels, height, width), got {found}")
+    channels, height, width = shape
+    return channels, height * len(views), width
 
 
 def _channels_last(images: th.Tensor) -> th.Tensor:

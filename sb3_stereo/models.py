@@ -65,16 +65,21 @@ def load_model(config: Config, path: Path, device: str = "auto", trust: bool = F
     if trust:
         model: BaseAlgorithm = algorithm(config.algo).load(path, device=device, buffer_size=1)
         return model
-    small = {"buffer_size": 1} if "buffer_size" in config.algo_kwargs else {}
-    from stable_baselines3.common.vec_env import DummyVecEnv
-
-    env = DummyVecEnv([make_env(config.env_id, config.env_kwargs, config.env_wrapper)])
-    try:
-        model = make_model(replace(config, algo_kwargs={**config.algo_kwargs, **small}), env, device=device)
-    finally:
-        env.close()
+    model = untrained_model(config, device)
     load_weights(model, path)
     return model
+
+
+def untrained_model(config: Config, device: str = "auto", seed: int | None = None) -> "BaseAlgorithm":
+    """Return a run's model as it was before the training, but for its replay buffer, which is the smallest one."""
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    small = {"buffer_size": 1} if "buffer_size" in config.algo_kwargs else {}
+    env = DummyVecEnv([make_env(config.env_id, config.env_kwargs, config.env_wrapper)])
+    try:
+        return make_model(replace(config, algo_kwargs={**config.algo_kwargs, **small}), env, seed, device)
+    finally:
+        env.close()
 
 
 def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False) -> None:

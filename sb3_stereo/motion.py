@@ -11,7 +11,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from torch import nn
 
-from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer, asked
+from sb3_stereo.buffers import OFFSETS, Motion, StereoReplayBuffer, asked, check_views
 from sb3_stereo.extractors import scale_images
 from sb3_stereo.warmup import can_learn
 
@@ -41,7 +41,7 @@ class MotionHeads(nn.Module):
         inverse_coef: float = 0.5,
     ) -> None:
         super().__init__()
-        self.offset_scale, self.inverse_coef = offset_scale, inverse_coef
+        self.n_views, self.offset_scale, self.inverse_coef = n_views, offset_scale, inverse_coef
         self.foresight_dim = 3 * n_views
         self.position = nn.Sequential(*create_mlp(features_dim, 2 * n_views, [hidden]))
         self.prediction = nn.Sequential(*create_mlp(features_dim + n_joints, 2 * n_views, [hidden]))
@@ -136,7 +136,11 @@ class LearnFromMotion(BaseCallback):
                 "leave it out and set encoder_loss to 'critic'"
             )
         if not isinstance(model.replay_buffer, StereoReplayBuffer):
-            model.replay_buffer = StereoReplayBuffer.of(model, n_joints=asked(self.training_env, "n_joints"))
+            n_joints = asked(self.training_env, "n_joints")
+            model.replay_buffer = StereoReplayBuffer.of(model, len(infos[0][OFFSETS]), n_joints=n_joints)
+        if not isinstance(model, DQN):
+            heads = model.policy.motion
+            check_views(self.training_env, heads.n_views, "the policy has n_views", "policy_kwargs.n_views")
         if self.n_updates == 0:
             self._set_up(model.policy, model.replay_buffer)
 

@@ -30,11 +30,11 @@ class TensorboardPictures(BaseCallback):
         self._seen = scoring.last
 
     def _on_training_start(self) -> None:
-        """Measure how much each pixel changes from start to start."""
+        """Measure how much each pixel changes from start to start; of a map of images no attention is drawn."""
         env = self.scoring.env_fn()
-        starts = np.stack([env.reset(**start)[0] for start in self.scoring.starts])
+        starts = [env.reset(**start)[0] for start in self.scoring.starts]
         env.close()
-        self.spread = starts.std(axis=0, dtype=np.float32)
+        self.spread = None if isinstance(starts[0], dict) else np.std(starts, axis=0, dtype=np.float32)
 
     def _on_step(self) -> bool:
         if self.scoring.last is not self._seen:
@@ -52,7 +52,8 @@ class TensorboardPictures(BaseCallback):
         rng = np.random.default_rng((self.seed, self.scoring.num_timesteps))  # the same after a resumption
         observation, _ = env.reset(**self.scoring.starts[int(rng.integers(len(self.scoring.starts)))])
         for _ in range(N_STATES):
-            attention.append(overlaid(observation, saliency(self.model.policy, observation, self.spread)))
+            if self.spread is not None:
+                attention.append(overlaid(observation, saliency(self.model.policy, observation, self.spread)))
             stereo += [side_by_side(look(env))] if hasattr(env.unwrapped, "draw") else []
             action, _ = self.model.predict(observation, deterministic=True)
             observation, _, terminated, truncated, _ = env.step(action)

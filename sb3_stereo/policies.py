@@ -31,6 +31,15 @@ NATURE_CNN = {
 }
 
 
+def _refuse_maps(policy: object, space: spaces.Space[Any]) -> None:
+    if isinstance(space, spaces.Dict):
+        raise ValueError(
+            f"{type(policy).__name__} takes one image, and this environment gives a map of {', '.join(space.spaces)}; "
+            "set its composite to 'stack' or 'channels', or take MultiInputPolicy with "
+            "features_extractor_class: sb3_stereo.extractors.StereoCnn"
+        )
+
+
 class StereoDDPGPolicy(TD3Policy):
     """Actor and critic of SB3's DDPG and TD3 on images. The defaults are the paper's networks (Sections 4.2 and 5).
 
@@ -101,6 +110,7 @@ class StereoDDPGPolicy(TD3Policy):
                 "features_extractor_kwargs cannot set 'hidden_norm' in this policy; "
                 "use actor_hidden_norm and critic_hidden_norm"
             )
+        _refuse_maps(self, observation_space)
         check_choice("encoder_loss", encoder_loss, ENCODER_LOSSES)
         if encoder_loss == "motion" and not shared_encoder:
             raise ValueError("encoder_loss 'motion' needs shared_encoder=True")
@@ -228,6 +238,7 @@ class StereoDQNPolicy(DQNPolicy):
         *,
         head_init: str = "xavier",
     ) -> None:
+        _refuse_maps(self, observation_space)
         check_choice("head_init", head_init, INITS)
         self.head_init = head_init
         super().__init__(

@@ -373,10 +373,11 @@ def test_human_without_a_display_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_stored_test_poses_are_those_of_their_seed(env_id: str) -> None:
     env: Any = gym.make(env_id).unwrapped
     header, *rows = (files("sb3_stereo.envs") / "assets" / "test_poses" / f"{env_id}.csv").read_text().splitlines()
-    assert tuple(header.split(",")) == env.arm.spec.joints
+    targets = ("target_x", "target_y", "target_z") if env.random_target else ()
+    assert tuple(header.split(",")) == (*env.arm.spec.joints, *targets)
     drawn = []
     for first in [True] + 99 * [False]:
-        env.reset(seed=2017 if first else None)
-        drawn.append(env.arm.actuated_positions)
+        _, info = env.reset(seed=2017 if first else None)
+        drawn.append([*env.arm.actuated_positions, *(info["target_position"] if targets else ())])
     np.testing.assert_allclose(np.loadtxt(rows, delimiter=","), drawn, atol=5.1e-7)
     env.close()
