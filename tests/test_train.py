@@ -131,7 +131,12 @@ def test_a_signal_saves_a_usable_run(number: signal.Signals, logs: Path) -> None
     command = [sys.executable, "-u", "train.py", *ENV, *QUICK, "-f", str(logs), "-n", "100000", "-params", *TINY]
     environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
     process = subprocess.Popen(
-        [*command, "--save-freq", "20"], cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True
+        [*command, "--save-freq", "20"],
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background shell's children ignore it
     )
     run = logs / "ddpg" / "FakeReach-v0_1"
     try:
