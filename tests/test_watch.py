@@ -75,7 +75,7 @@ def test_the_end_of_an_episode_is_said_in_green_or_red() -> None:
     def coloured(picture: Any, colour: tuple[int, ...]) -> int:
         return int((picture[-100:] == colour).all(axis=2).sum())
 
-    env = gym.make("WamStereoReach-v0", rho=500.0, max_episode_steps=1)
+    env = gym.make("WamStereoReach-v0", rho=390.0, max_episode_steps=1)
     writer = Pictures()
     film = Filmed(env, writer)
     for rho in (500.0, 1e-9):
