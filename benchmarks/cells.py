@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import csv
 import math
 import subprocess
@@ -10,10 +11,13 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sb3_stereo.config import Config, load_config
+from sb3_stereo.files import replacing
 from sb3_stereo.progress import Bar, say
 from sb3_stereo.runs import EVALUATIONS, has_ended, versions
+from sb3_stereo.runtime import available_cores
 from sb3_stereo.train import make_parser
 from sb3_stereo.tuning.records import find_trial
 from sb3_stereo.values import parse_assignments
@@ -71,13 +75,11 @@ def read(record: Path, key: Sequence[str] = ("seed", "timesteps")) -> list[dict[
 def write(record: Path, lines: Iterable[dict[str, str]]) -> None:
     """Write a record anew, sorted, in one step: an interruption leaves the old one or the new one."""
     lines = sorted(lines, key=lambda line: (int(line["seed"]), int(line["timesteps"])))
-    partial = record.with_suffix(".partial")
     record.parent.mkdir(parents=True, exist_ok=True)
-    with partial.open("w", newline="", encoding="utf-8") as file:
+    with replacing(record) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(lines[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
-    partial.replace(record)
 
 
 def train_missing(rows: Iterable[Row], seeds: Iterable[int], logs: Path, n_workers: int) -> None:
@@ -106,6 +108,23 @@ def train_missing(rows: Iterable[Row], seeds: Iterable[int], logs: Path, n_worke
     bar.close()
     if failed:
         raise RuntimeError("some cells failed:\n" + "\n".join(failed))
+
+
+def parse_arguments(
+    parser: argparse.ArgumentParser, argv: Sequence[str] | None, n_seeds: int, rows: Sequence[Row]
+) -> Any:
+    """Parse the arguments that the scripts of tables share; `rows` becomes the chosen ones."""
+    parser.add_argument("--seeds", type=int, default=n_seeds, help=f"seeds per row, from 0 (default: {n_seeds})")
+    parser.add_argument("--rows", nargs="+", default=[], metavar="NAME", help="only these (default: all)")
+    parser.add_argument("--workers", type=int, default=available_cores(), help="cells at a time (default: the cores)")
+    parser.add_argument("--logs", type=Path, default=Path("logs/tables"), help="the cells' runs (default: logs/tables)")
+    parser.add_argument("--report", action="store_true", help="train nothing")
+    args = parser.parse_args(argv)
+    names = [row.name for row in rows]
+    for name in set(args.rows) - set(names):
+        parser.error(f"unknown row '{name}'; rows are {', '.join(names)}")
+    args.rows = [row for row in rows if not args.rows or row.name in args.rows]
+    return args
 
 
 def describe(line: dict[str, str]) -> str:

@@ -15,13 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import cells
-from benchmarks.cells import Row, read, train_missing, write
+from benchmarks.cells import Row, parse_arguments, read, train_missing, write
 from benchmarks.depth import probe
 from benchmarks.paper_tables import OUR_CHECKPOINTS, ROWS
 from benchmarks.report import line_of, provenance, table
 from sb3_stereo.progress import say
 from sb3_stereo.runs import model_path
-from sb3_stereo.runtime import available_cores
 from sb3_stereo.tuning.records import find_trial
 
 RANDOM = ("--env", "WamStereoReachRandom-v0", "--eval-freq", "5000")
@@ -137,19 +136,10 @@ def write_claims(folder: Path) -> Path:
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.claims_tables", description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=3, help="seeds per row, from 0 (default: 3)")
-    parser.add_argument("--rows", nargs="+", default=[], metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--workers", type=int, default=available_cores(), help="cells at a time (default: the cores)")
-    parser.add_argument("--logs", type=Path, default=Path("logs/tables"), help="the cells' runs (default: logs/tables)")
-    parser.add_argument("--report", action="store_true", help="train nothing")
-    args = parser.parse_args(argv)
-    names = [row.name for row in CLAIMS]
-    for name in set(args.rows) - set(names):
-        parser.error(f"unknown row '{name}'; rows are {', '.join(names)}")
-    rows = [row for row in CLAIMS if not args.rows or row.name in args.rows]
+    args = parse_arguments(parser, argv, 3, CLAIMS)
     if not args.report:
-        train_missing(rows, range(args.seeds), args.logs, args.workers)
-        probe_missing(rows, range(args.seeds), args.logs)
+        train_missing(args.rows, range(args.seeds), args.logs, args.workers)
+        probe_missing(args.rows, range(args.seeds), args.logs)
     print(f"Wrote {write_claims(Path(__file__).parent)}")
 
 

@@ -14,9 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks import cells
-from benchmarks.cells import Row, train_missing
+from benchmarks.cells import Row, parse_arguments, train_missing
 from benchmarks.report import write_report
-from sb3_stereo.runtime import available_cores
 
 DDPG_CHECKPOINTS = (1500, 2000, 5000, 7000, 8500)  # Table 3
 OUR_CHECKPOINTS = (1500, 2000, 3000, 5000, 7000, 8500)
@@ -63,25 +62,16 @@ def quick(row: Row) -> Row:
 def main(argv: Sequence[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper_tables", description="Tables 3 and 4 and ours.")
-    parser.add_argument("--seeds", type=int, default=5, help="seeds per row, from 0 (default: 5)")
-    parser.add_argument("--rows", nargs="+", default=[], metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--workers", type=int, default=available_cores(), help="cells at a time (default: the cores)")
-    parser.add_argument("--logs", type=Path, default=Path("logs/tables"), help="the cells' runs (default: logs/tables)")
-    parser.add_argument("--report", action="store_true", help="train nothing")
     parser.add_argument("--quick", action="store_true", help="a tiny version of everything, in a temporary folder")
-    args = parser.parse_args(argv)
-    names = [row.name for row in ROWS]
-    for name in set(args.rows) - set(names):
-        parser.error(f"unknown row '{name}'; rows are {', '.join(names)}")
-    rows = [row for row in ROWS if not args.rows or row.name in args.rows]
+    args = parse_arguments(parser, argv, 5, ROWS)
     if args.quick:
         with tempfile.TemporaryDirectory() as folder:
             cells.RESULTS = Path(folder) / "results"
-            train_missing([quick(row) for row in rows], range(1), Path(folder) / "logs", args.workers)
-            print(write_report([quick(row) for row in rows], Path(folder)).read_text(encoding="utf-8"))
+            train_missing([quick(row) for row in args.rows], range(1), Path(folder) / "logs", args.workers)
+            print(write_report([quick(row) for row in args.rows], Path(folder)).read_text(encoding="utf-8"))
         return
     if not args.report:
-        train_missing(rows, range(args.seeds), args.logs, args.workers)
+        train_missing(args.rows, range(args.seeds), args.logs, args.workers)
     print(f"Wrote {write_report(ROWS, Path(__file__).parent)}")
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.logger import configure as configure_logger
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_stereo.building import make_callbacks, make_env, make_model, make_training_env
 from sb3_stereo.checkpoints import Checkpoint, newest
@@ -145,11 +146,11 @@ def resume(run: Path, verbose: int = 1, on_score: OnScore | None = None) -> Resu
         ConfigError: If there is no such run, it has ended, or another process trains it.
     """
     config, args = load_record(run)
-    if has_ended(run, config):
-        raise ConfigError(f"'{run}' has ended after {config.n_timesteps} steps; there is nothing to go on with")
     names = {field.name for field in fields(Options)}
     options = replace(Options(**{name: args[name] for name in names & args.keys()}), verbose=verbose)
     with locked(run):
+        if has_ended(run, config):  # not before: another process may just have brought it to its end
+            raise ConfigError(f"'{run}' has ended after {config.n_timesteps} steps; there is nothing to go on with")
         state = newest(run)
         cut_back(_logs(run, args.get("tensorboard")), state["logs"] if state else {})
         for leftover in run.glob("*.partial*"):
@@ -168,10 +169,10 @@ def _train_in(
     """Train in a run directory, from a checkpoint's state if there is one."""
     with _refusals_are_errors():
         env = make_training_env(config, options.seed, str(run), options.vec_env, append=state is not None)
-    try:
+    with _losses_are_errors(env, run):
         with _refusals_are_errors():
             model = make_model(config, env, options.seed, options.device, verbose=max(0, options.verbose - 1))
-        if options.trained_agent:
+        if options.trained_agent and state is None:
             with _refusals_are_errors():
                 load_weights(model, Path(options.trained_agent), options.trust)
         model.set_logger(_logger(run, tensorboard, options.verbose))
@@ -185,16 +186,23 @@ def _train_in(
             save_model(model, run / f"{env_name(config.env_id)}.zip")
             if not interrupted:
                 remove_checkpoints(run)
+    return Result(run, model.num_timesteps, scoring.last, interrupted)
+
+
+@contextmanager
+def _losses_are_errors(env: VecEnv, run: Path) -> Iterator[None]:
+    """Close the environments at the end; tell of a dead process or a full disk how to go on."""
+    try:
+        yield
     except WorkerDied as error:
         raise ConfigError(f"{error.what}; see that there is memory for it, then {how_to_resume(run)}") from error
     except OSError as error:
-        if error.errno in DISK_FULL:
-            way_out = f"make room, then {how_to_resume(run)}"
-            raise ConfigError(f"cannot write to '{run}' ({error.strerror}); {way_out}") from error
-        raise
+        if error.errno not in DISK_FULL:
+            raise
+        way_out = f"make room, then {how_to_resume(run)}"
+        raise ConfigError(f"cannot write to '{run}' ({error.strerror}); {way_out}") from error
     finally:
         close(env)
-    return Result(run, model.num_timesteps, scoring.last, interrupted)
 
 
 def _tensorboard_folder(options: Options, config: Config) -> str | None:

@@ -11,6 +11,7 @@ import yaml
 
 from sb3_stereo.config import Config
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.files import replacing
 from sb3_stereo.plot import read_scores
 from sb3_stereo.runs import env_name, find_run, has_ended, load_record, run_ids
 from sb3_stereo.tuning.config import Metric, Sweep
@@ -154,9 +155,8 @@ def claim(sweep: Sweep, folder: Path) -> None:
                 f"'{folder}' holds another sweep (see {SWEEP}), of which only {', '.join(MAY_CHANGE)} may change; "
                 "choose another log folder with -f, or another file name"
             )
-        partial = file.with_suffix(".partial")
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(file)
+        with replacing(file) as partial:
+            partial.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"cannot write to '{folder}' ({error.strerror}); choose a log folder with -f") from error
 
