@@ -1,18 +1,23 @@
-"""One gradient step of a learner per line of standard input, for `benchmarks.speed`.
+"""Gradient steps and predictions of a learner, for `benchmarks.speed`.
 
-    python -m benchmarks.updates ddpg ours|sb3 THREADS
+    python -m benchmarks.updates ddpg|dqn ours|sb3 THREADS
 
-Both have the paper's sizes: batches of 100, 84 x 84 pixels, three convolutions of 32 filters with batch
-normalisation, two layers of 200 (for DQN no normalisation). "sb3" is Stable-Baselines3 as installed: its own policy,
-PyTorch's default memory format and allocator, and none of this package is imported.
+takes them once per "update" or "predict" on standard input. Both learners have the paper's sizes: batches of 100,
+84 x 84 pixels, three convolutions of 32 filters with batch normalisation, two layers of 200 (for DQN no
+normalisation). "sb3" is Stable-Baselines3 as installed: its own policy, PyTorch's default memory format and allocator,
+and none of this package is imported.
 """
 
 import sys
+from contextlib import ExitStack
 from typing import Any
+
+from benchmarks.timing import Worker, medians, serve, timed
 
 SHAPE = (1, 84, 84)
 KERNELS, STRIDES = (3, 3, 3), (2, 2, 2)
-BATCH_SIZE, N_STORED, N_STEPS = 100, 400, 2
+BATCH_SIZE, N_STORED = 100, 400
+N_UPDATES, N_PREDICTIONS = 2, 50  # per time
 
 
 def make_env(discrete: bool) -> Any:
@@ -82,6 +87,24 @@ def make_model(algo: str, whose: str) -> Any:
     return model.learn(N_STORED)
 
 
+def measure_updates(rounds: int, threads: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Milliseconds per gradient step, and per prediction, of the same networks."""
+    names = [(algo, whose) for algo in ("ddpg", "dqn") for whose in ("ours", "sb3")]
+    with ExitStack() as stack:
+        workers = {
+            f"{algo}, {whose}": stack.enter_context(Worker("benchmarks.updates", algo, whose, str(threads)))
+            for algo, whose in names
+        }
+        updates, predictions = (
+            medians({name: worker.candidate(what) for name, worker in workers.items()}, rounds)
+            for what in ("update", "predict")
+        )
+    return (
+        {name: 1000 * seconds / N_UPDATES for name, seconds in updates.items()},
+        {name: 1000 * seconds / N_PREDICTIONS for name, seconds in predictions.items()},
+    )
+
+
 def main() -> None:
     """Command line."""
     algo, whose, threads = sys.argv[1:]
@@ -91,11 +114,15 @@ def main() -> None:
         tune_allocator()
     import torch as th
 
-    from benchmarks.timing import serve, timed
-
     th.set_num_threads(int(threads))
     model = make_model(algo, whose)
-    serve(timed(lambda: model.train(N_STEPS, BATCH_SIZE)))
+    observation = model.observation_space.sample()
+
+    def predict() -> None:
+        for _ in range(N_PREDICTIONS):
+            model.predict(observation, deterministic=True)
+
+    serve({"update": timed(lambda: model.train(N_UPDATES, BATCH_SIZE)), "predict": timed(predict)})
 
 
 if __name__ == "__main__":
