@@ -31,21 +31,22 @@ Numbers = dict[str, float]
 def ratios(envs: Numbers, rates: Numbers, updates: Numbers, predictions: Numbers) -> dict[str, float | None]:
     """The claims; None where a peer is missing."""
 
-    def over(peer: str, own: str = "ours") -> float | None:
-        return round(envs[peer] / envs[own], 2) if peer in envs else None
+    def over(table: Numbers, peer: str, own: str) -> float | None:
+        return round(table[peer] / table[own], 2) if peer in table else None
 
     return {
-        "env_vs_panda_gym": over("panda-gym"),
-        "env_with_floor_vs_panda_gym": over("panda-gym", "ours, with a floor"),
-        "env_vs_fetch": over("FetchReach"),
+        "env_vs_panda_gym": over(envs, "panda-gym", "ours"),
+        "env_with_floor_vs_panda_gym": over(envs, "panda-gym", "ours, with a floor"),
+        "env_vs_fetch": over(envs, "FetchReach", "ours"),
         "env_scaling_2": round(rates["2"] / (2 * rates["1"]), 2),
         "env_scaling_4": round(rates["4"] / (4 * rates["1"]), 2),
-        "ddpg_update_vs_sb3": round(updates["ddpg, sb3"] / updates["ddpg, ours"], 2),
-        "dqn_update_vs_sb3": round(updates["dqn, sb3"] / updates["dqn, ours"], 2),
-        "ddpg_predict_vs_sb3": round(predictions["ddpg, sb3"] / predictions["ddpg, ours"], 2),
-        "dqn_predict_vs_sb3": round(predictions["dqn, sb3"] / predictions["dqn, ours"], 2),
+        "ddpg_update_vs_sb3": over(updates, "ddpg, sb3", "ddpg, ours"),
+        "dqn_update_vs_sb3": over(updates, "dqn, sb3", "dqn, ours"),
+        "dqn_nature_update_vs_sbx": over(updates, "dqn_nature, sbx", "dqn_nature, ours"),
+        "ddpg_predict_vs_sb3": over(predictions, "ddpg, sb3", "ddpg, ours"),
+        "dqn_predict_vs_sb3": over(predictions, "dqn, sb3", "dqn, ours"),
         "overhead_fraction": round(1 - envs["ours, bare"] / envs["ours"], 3),
-        "step_vs_bare": round(envs["ours"] / envs["ours, bare"], 2),
+        "step_vs_bare": over(envs, "ours", "ours, bare"),
     }
 
 
