@@ -61,22 +61,19 @@ class Parts:
         return watched
 
     def candidates(self, call: Callable[[], object]) -> dict[str, Candidate]:
-        """The call, "all", and after it its parts, which tell of the latest time only."""
+        """The call, "all", and after it its parts and the rest, which tell of the latest time only."""
+        parts = list(self.seconds)
 
         def whole() -> float:
-            self.seconds = dict.fromkeys(self.seconds, 0.0)
-            return timed(call)()
+            self.seconds = dict.fromkeys(parts, 0.0)
+            seconds = timed(call)()
+            self.seconds["the rest"] = seconds - sum(self.seconds.values())
+            return seconds
 
-        return {"all": whole} | {part: partial(self._latest, part) for part in self.seconds}
+        return {"all": whole} | {part: partial(self._latest, part) for part in (*parts, "the rest")}
 
     def _latest(self, part: str) -> float:
         return self.seconds[part]
-
-
-def with_rest(seconds: Mapping[str, float]) -> dict[str, float]:
-    """The parts, what none of them covers, and "all" as the last."""
-    parts = {name: value for name, value in seconds.items() if name != "all"}
-    return {**parts, "the rest": seconds["all"] - sum(parts.values()), "all": seconds["all"]}
 
 
 def peak_memory() -> float:

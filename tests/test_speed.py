@@ -35,7 +35,7 @@ def test_a_candidate_takes_as_long_as_its_call() -> None:
     assert timing.timed(lambda: time.sleep(0.02))() >= 0.02
 
 
-def test_parts_tell_of_the_latest_call_and_with_the_rest_they_are_all_of_it() -> None:
+def test_parts_tell_of_the_latest_call_and_with_the_rest_are_all_of_it() -> None:
     parts = timing.Parts()
     doze = parts.watch("doze", time.sleep)
     naps = iter([0.03, 0.01])
@@ -45,13 +45,12 @@ def test_parts_tell_of_the_latest_call_and_with_the_rest_they_are_all_of_it() ->
         time.sleep(0.02)
 
     candidates = parts.candidates(call)
-    assert list(candidates) == ["all", "doze"]
+    assert list(candidates) == ["all", "doze", "the rest"]
     first, second = ({name: candidate() for name, candidate in candidates.items()} for _ in range(2))
     assert first["doze"] >= 0.03 and first["all"] >= 0.05
     assert 0.01 <= second["doze"] < first["doze"] + 0.01 and second["all"] >= 0.03
-    table = timing.with_rest(second)
-    assert list(table) == ["doze", "the rest", "all"]
-    assert table["the rest"] >= 0.02 and sum(table.values()) == pytest.approx(2 * table["all"])
+    for taken in (first, second):
+        assert taken["the rest"] >= 0.02 and sum(taken.values()) == pytest.approx(2 * taken["all"])
 
 
 def test_a_worker_that_ends_is_an_error_and_not_a_hang() -> None:
@@ -92,9 +91,9 @@ def test_the_peak_counts_what_was_held_and_given_back() -> None:
 
 def test_the_parts_of_an_environment_step_are_all_timed() -> None:
     taken = {name: candidate() for name, candidate in environments.step_parts().items()}
-    assert list(taken) == ["all", "simulation", "efforts", "blobs", "left view", "right view", "composite"]
+    parts = ["simulation", "efforts", "blobs", "left view", "right view", "composite"]
+    assert list(taken) == ["all", *parts, "the rest"]
     assert min(taken.values()) > 0
-    assert sum(taken.values()) < 2 * taken["all"]
     assert environments.bare(taken) == taken["simulation"] + taken["left view"] + taken["right view"]
 
 
@@ -103,8 +102,9 @@ def test_the_parts_of_a_training_step_are_all_timed(monkeypatch: pytest.MonkeyPa
     model, callbacks = trainings.make_training(n_random=5)
     n_updates = model._n_updates
     taken = {name: candidate() for name, candidate in trainings.training_parts(model, callbacks).items()}
-    assert list(taken) == ["all", "environment", "choosing the action", "gradient steps", "motion updates"]
-    assert min(taken.values()) > 0 and sum(taken.values()) < 2 * taken["all"]
+    parts = ["environment", "choosing the action", "gradient steps", "motion updates"]
+    assert list(taken) == ["all", *parts, "the rest"]
+    assert min(taken.values()) > 0
     assert model._n_updates == n_updates + 3
     assert trainings.memory(model)() > 2 * 10_000 * 84 * 84 / 2**20  # what the images alone take
 
