@@ -112,7 +112,9 @@ class Worker:
 
     def ask(self, name: str) -> float:
         """Do what has that name once."""
-        assert name in self.names and self.process.stdin is not None
+        if name not in self.names:
+            raise KeyError(f"{self.command} answers {', '.join(self.names)}, not {name}")
+        assert self.process.stdin is not None
         self.process.stdin.write(f"{name}\n")
         self.process.stdin.flush()
         return float(self._answer()[0])
