@@ -1,18 +1,30 @@
-"""One gradient step of a learner per line of standard input, for `benchmarks.speed`.
+"""Gradient steps and predictions of a learner, for `benchmarks.speed`.
 
-    python -m benchmarks.updates ddpg ours|sb3 THREADS
+    python -m benchmarks.updates ddpg|dqn ours|sb3 THREADS
+    python -m benchmarks.updates dqn_nature ours|sbx THREADS
 
-Both have the paper's sizes: batches of 100, 84 x 84 pixels, three convolutions of 32 filters with batch
-normalisation, two layers of 200 (for DQN no normalisation). "sb3" is Stable-Baselines3 as installed: its own policy,
-PyTorch's default memory format and allocator, and none of this package is imported.
+takes them once per "update" or "predict" on standard input. The learners have the paper's sizes: batches of 100,
+84 x 84 pixels, three convolutions of 32 filters with batch normalisation, two layers of 200 (for DQN no
+normalisation). "sb3" is Stable-Baselines3 as installed: its own policy, PyTorch's default memory format and allocator,
+and none of this package is imported. "sbx" is SB3's DQN in JAX (`pip install sbx-rl`), which has no DDPG on images and
+one network only, that of Mnih et al. 2015, so that is what "dqn_nature" has.
 """
 
+import os
 import sys
+from contextlib import ExitStack
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
+
+from benchmarks.timing import Worker, medians, serve, timed
 
 SHAPE = (1, 84, 84)
 KERNELS, STRIDES = (3, 3, 3), (2, 2, 2)
-BATCH_SIZE, N_STORED, N_STEPS = 100, 400, 2
+BATCH_SIZE, N_STORED = 100, 400
+N_UPDATES, N_PREDICTIONS = 2, 50  # per time
+LEARNERS = [(algo, whose) for algo in ("ddpg", "dqn") for whose in ("ours", "sb3")]
+LEARNERS_LIKE_SBX = [("dqn_nature", whose) for whose in ("ours", "sbx")]
 
 
 def make_env(discrete: bool) -> Any:
@@ -53,49 +65,81 @@ def plain_cnn() -> Any:
     return PlainCnn
 
 
+def policy_and_kwargs(algo: str, whose: str) -> tuple[Any, dict[str, Any]]:
+    """What the learners of an algorithm differ in, and the sizes that they share."""
+    if whose == "sbx":
+        return "CnnPolicy", {"net_arch": [512]}
+    if whose == "sb3":
+        extractor: dict[str, Any] = {"batch_norm": algo == "ddpg"}
+        kwargs: dict[str, Any] = {"features_extractor_class": plain_cnn(), "features_extractor_kwargs": extractor}
+        return "CnnPolicy", {**kwargs, "net_arch": [200, 200]}
+    from sb3_stereo import StereoDDPGPolicy, StereoDQNPolicy
+
+    if algo == "dqn_nature":
+        return StereoDQNPolicy, {}
+    extractor = {"kernel_sizes": KERNELS, "strides": STRIDES}
+    if algo == "ddpg":
+        return StereoDDPGPolicy, {"features_extractor_kwargs": extractor, "net_arch": [200, 200], "n_critics": 1}
+    extractor |= {"n_filters": 32, "features_dim": None}
+    return StereoDQNPolicy, {"features_extractor_kwargs": extractor, "net_arch": [200, 200]}
+
+
 def make_model(algo: str, whose: str) -> Any:
     """A model with a filled replay buffer."""
-    from stable_baselines3 import DDPG, DQN
-
-    is_dqn = algo == "dqn"
-    if whose == "ours":
-        from sb3_stereo import StereoDDPGPolicy, StereoDQNPolicy
-
-        policy: Any = StereoDQNPolicy if is_dqn else StereoDDPGPolicy
-        extractor: dict[str, Any] = {"kernel_sizes": KERNELS, "strides": STRIDES}
-        kwargs: dict[str, Any] = {"features_extractor_kwargs": extractor, "net_arch": [200, 200]}
-        if is_dqn:
-            extractor.update(n_filters=32, features_dim=None)
-        else:
-            kwargs.update(n_critics=1)
-    else:
-        policy = "CnnPolicy"
-        kwargs = {
-            "features_extractor_class": plain_cnn(),
-            "features_extractor_kwargs": {"batch_norm": not is_dqn},
-            "net_arch": [200, 200],
-        }
-    model = (DQN if is_dqn else DDPG)(
-        policy, make_env(is_dqn), policy_kwargs=kwargs, buffer_size=N_STORED, batch_size=BATCH_SIZE,
+    package = import_module("sbx" if whose == "sbx" else "stable_baselines3")
+    learner: Any = package.DDPG if algo == "ddpg" else package.DQN
+    policy, kwargs = policy_and_kwargs(algo, whose)
+    model: Any = learner(
+        policy, make_env(algo != "ddpg"), policy_kwargs=kwargs, buffer_size=N_STORED, batch_size=BATCH_SIZE,
         learning_starts=N_STORED, device="cpu", seed=0,
     )  # fmt: skip
     return model.learn(N_STORED)
 
 
+def measure_updates(rounds: int, threads: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Milliseconds per gradient step, and per prediction, of the same networks."""
+    if find_spec("sbx") is None:
+        print("sbx is left out: it is not installed", file=sys.stderr)
+    with ExitStack() as stack:
+        workers = {
+            f"{algo}, {whose}": stack.enter_context(Worker("benchmarks.updates", algo, whose, str(threads)))
+            for algo, whose in LEARNERS + (LEARNERS_LIKE_SBX if find_spec("sbx") else [])
+        }
+        updates, predictions = (
+            medians({name: worker.candidate(what) for name, worker in workers.items()}, rounds)
+            for what in ("update", "predict")
+        )
+    return (
+        {name: 1000 * seconds / N_UPDATES for name, seconds in updates.items()},
+        {name: 1000 * seconds / N_PREDICTIONS for name, seconds in predictions.items()},
+    )
+
+
 def main() -> None:
     """Command line."""
     algo, whose, threads = sys.argv[1:]
+    if whose == "sbx":  # JAX takes as many threads as it has cores
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(threads)])
     if whose == "ours":
         from sb3_stereo.runtime import tune_allocator
 
         tune_allocator()
     import torch as th
 
-    from benchmarks.timing import serve, timed
-
     th.set_num_threads(int(threads))
     model = make_model(algo, whose)
-    serve(timed(lambda: model.train(N_STEPS, BATCH_SIZE)))
+    observation = model.observation_space.sample()
+
+    def predict() -> None:
+        for _ in range(N_PREDICTIONS):
+            model.predict(observation, deterministic=True)
+
+    serve(
+        {
+            "update": timed(lambda: model.train(gradient_steps=N_UPDATES, batch_size=BATCH_SIZE)),
+            "predict": timed(predict),
+        }
+    )
 
 
 if __name__ == "__main__":

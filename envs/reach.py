@@ -1,35 +1,37 @@
 """The reaching environment: act, simulate, look, judge, return."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pybullet
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_stereo.envs import rewards
+from sb3_stereo.envs.arguments import (
+    bounded,
+    check_flags,
+    check_pictures,
+    check_render_mode,
+    checked_reset_options,
+    positive,
+    timing,
+    vector,
+)
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.markers import find_blobs
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
-from sb3_stereo.envs.simulation import Client
-from sb3_stereo.envs.specs import MAX_NUMBER, as_number, fit, plain, quoted, require
+from sb3_stereo.envs.scene import BLUE, RED, add_ball, add_floor, empty_world
+from sb3_stereo.envs.specs import plain, quoted, require
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-RED, BLUE, GREY = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0), (0.8, 0.8, 0.8, 1.0)
-GRAVITY = (0.0, 0.0, -9.81)  # [m/s^2]
-FLOOR_HALF_EXTENTS = (3.0, 3.0, 0.05)  # [m]
-MAX_PULSE_STEPS = 100_000  # some seconds of computing
-MAX_PHYSICS_RATE = 100_000  # [Hz]
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
-RESET_OPTIONS = ("joint_positions", "target_position")
 
 
 @dataclass(frozen=True)
@@ -102,50 +104,37 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         brake: bool = True,
         floor: bool = False,
     ) -> None:
-        known = render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])
-        require(known, f"unknown render_mode {quoted(render_mode)}; it is one of None, 'rgb_array', 'human'")
-        rho, distance_scale = _positive("rho", rho), _positive("distance_scale", distance_scale)
-        physics_rate, n_pulse_steps = _timing(physics_rate, pulse_duration)
-        for name, flag in (
-            ("gravity_compensation", gravity_compensation),
-            ("brake", brake),
-            ("floor", floor),
-            ("random_target", random_target),
-        ):
-            fit(flag, bool, name)
+        check_render_mode(render_mode, self.metadata["render_modes"])
+        rho, distance_scale = positive("rho", rho), positive("distance_scale", distance_scale)
+        physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
+        check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
         spec, views = arm_spec(arm), camera_specs(cameras)
-        sizes = {f"{view.width} x {view.height}" for view in views}
-        require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
-        diagonal = math.hypot(views[0].width, views[0].height)
-        require(rho < diagonal, f"rho is {rho:g}; give less than {diagonal:.0f} px, the diagonal of a picture")
+        check_pictures(views, rho)
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self._braked = brake
         self.n_pulse_steps = n_pulse_steps
-        self._default_target = self._target_position = _bounded("target_position", target_position, 3)
+        self._default_target = self._target_position = bounded("target_position", target_position, 3)
         self.random_target = random_target
         n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
         self._composite = Composite(composite, [view.name for view in views])
         self.observation_space = self._composite.space
 
-        self._client = Client(gui=render_mode == "human")
-        self._client.setTimeStep(1 / physics_rate)
-        self._client.setGravity(*((0.0, 0.0, 0.0) if gravity_compensation else GRAVITY))
-        # Without this the order of overlapping pairs, and so a contact's outcome, depends on the past.
-        self._client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
+        in_window = render_mode == "human"
+        self._client = empty_world(in_window, physics_rate, weightless=gravity_compensation)
         self.cameras = tuple(Camera(view, self._client) for view in views)
-        ground = self._add_floor(drawn=floor)
+        ground = add_floor(self._client, self.cameras, drawn=floor, in_window=in_window)
         self.arm = Arm(spec, self._client)
         for link in self.arm.fixed_links:  # what stands on the floor touches it in every pose
             self._client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
         if damping is not None:
-            values = _bounded("damping", damping, n_joints)
+            values = bounded("damping", damping, n_joints)
             require(values.min() >= 0, f"damping is {quoted(damping)}; give numbers of at least 0")
             self.arm.set_damping(values)
         efforts = spec.effort_limits if effort_limits is None else effort_limits
-        self.effort_limits = _bounded("effort_limits", efforts, n_joints)
+        self.effort_limits = bounded("effort_limits", efforts, n_joints)
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
-        self.markers = tuple(self._add_ball(colour, spec.marker_radius) for colour in (RED, BLUE))
+        self.markers = tuple(add_ball(self._client, colour, spec.marker_radius) for colour in (RED, BLUE))
         self._start = self._client.saveState()
 
     @staticmethod
@@ -191,17 +180,13 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
                 there is no random pose to begin from.
         """
         super().reset(seed=seed)
-        options = {} if options is None else options
-        known = ", ".join(RESET_OPTIONS)
-        require(isinstance(options, Mapping), f"the reset options are {quoted(options)}; give a map of {known}")
-        for name in options:
-            require(name in RESET_OPTIONS, f"unknown reset option {quoted(name)}; options are {known}")
-        if self.random_target and "target_position" not in options:
+        told = checked_reset_options(options)
+        if self.random_target and "target_position" not in told:
             self._draw_target()
         else:
-            self._target_position = _bounded("target_position", options.get("target_position", self._default_target), 3)
-        if "joint_positions" in options:
-            self._place_arm_as_told(_vector("joint_positions", options["joint_positions"], len(self.arm.limits)))
+            self._target_position = bounded("target_position", told.get("target_position", self._default_target), 3)
+        if "joint_positions" in told:
+            self._place_arm_as_told(vector("joint_positions", told["joint_positions"], len(self.arm.limits)))
         else:
             self._place_arm_at_random()
         return self._composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
@@ -220,7 +205,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: If the action has another shape or is not finite.
         """
-        efforts = np.clip(_vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
+        efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
         self.arm.push(efforts.tolist(), self.n_pulse_steps)
         if self._braked:
             self.arm.brake()
@@ -269,25 +254,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Free a saved state."""
         self._client.removeState(state.bullet_id)
 
-    # ------------------------------------------------------------------------------------------------ the scene
-    def _add_floor(self, drawn: bool) -> int:
-        """Add the floor and return its body; drawn once, before anything that moves, as the frames' background."""
-        client, extents = self._client, FLOOR_HALF_EXTENTS
-        shape = client.createCollisionShape(pybullet.GEOM_BOX, halfExtents=extents)
-        look = client.createVisualShape(pybullet.GEOM_BOX, halfExtents=extents, rgbaColor=GREY)
-        floor = client.createMultiBody(0, shape, look, basePosition=(0.0, 0.0, -extents[2]))
-        if drawn and self.render_mode == "human":
-            return int(floor)  # Bullet's window is to show it
-        if drawn:
-            for camera in self.cameras:
-                camera.keep_background()
-        client.changeVisualShape(floor, -1, rgbaColor=(0.0, 0.0, 0.0, 0.0))  # TinyRenderer skips what is transparent
-        return int(floor)
-
-    def _add_ball(self, colour: tuple[float, ...], radius: float) -> int:
-        shape = self._client.createVisualShape(pybullet.GEOM_SPHERE, radius=radius, rgbaColor=colour)
-        return int(self._client.createMultiBody(baseVisualShapeIndex=shape))
-
+    # ------------------------------------------------------------------------------------------------ the pose
     def _place_arm(self, positions: Floats) -> bool:
         """Rest the arm at `positions` as if nothing had been before; return whether it is free there."""
         self._client.restoreState(self._start)  # contacts of the past would change the future
@@ -363,38 +330,3 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             "end_effector_position": self._end_effector_position,
             "target_position": self._target_position.copy(),
         }
-
-
-def _positive(name: str, value: Any) -> float:
-    number = as_number(value) or 0.0
-    require(number > 0.0, f"{name} is {quoted(value)}; give a positive number")
-    return number
-
-
-def _timing(physics_rate: Any, pulse_duration: Any) -> tuple[float, int]:
-    """The simulation's rate in [Hz] and the steps that a pulse takes."""
-    rate, given = as_number(physics_rate) or 0.0, f"physics_rate is {quoted(physics_rate)}"
-    require(rate >= 240, f"{given}; give at least 240 Hz")
-    require(rate <= MAX_PHYSICS_RATE, f"{given}; give at most {MAX_PHYSICS_RATE} Hz")
-    n_steps = _positive("pulse_duration", pulse_duration) * rate
-    so_many = f"pulse_duration is {quoted(pulse_duration)}, which takes {n_steps:.3g} simulation steps"
-    require(n_steps <= MAX_PULSE_STEPS, f"{so_many}; give a shorter one, of at most {MAX_PULSE_STEPS} steps")
-    return rate, max(1, round(n_steps))
-
-
-def _bounded(name: str, value: Any, size: int) -> Floats:
-    """`value` as a vector of numbers that physics can bear."""
-    vector = _vector(name, value, size)
-    require(np.abs(vector).max() <= MAX_NUMBER, f"{name} is {vector.tolist()}; give at most {MAX_NUMBER:g}")
-    return vector
-
-
-def _vector(name: str, value: Any, size: int) -> Floats:
-    """`value` as a finite vector of `size` numbers, a copy."""
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ValueError(f"{name} is {quoted(value)}; give {size} numbers") from None
-    require(vector.shape == (size,), f"{name} has shape {vector.shape}; give ({size},)")
-    require(bool(np.all(np.isfinite(vector))), f"{name} is {vector.tolist()}; give finite numbers")
-    return vector

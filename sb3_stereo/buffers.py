@@ -65,16 +65,12 @@ class StereoReplayBuffer(ReplayBuffer):
         self._set_up(n_views, mirrored_joints, n_joints, mirror_probability, goal_share)
 
     @classmethod
-    def of(
-        cls,
-        model: BaseAlgorithm,
-        n_views: int = 2,
-        mirrored_joints: Sequence[int] | None = None,
-        n_joints: int | None = None,
-        mirror_probability: float | None = None,
-        goal_share: float = 0.0,
-    ) -> StereoReplayBuffer:
+    def of(cls, model: BaseAlgorithm, **settings: Any) -> StereoReplayBuffer:
         """Take over a model's buffer with all its transitions.
+
+        Args:
+            model: Whose buffer it is; give it the one that is returned.
+            settings: `n_views` and the other arguments of this class that `ReplayBuffer` does not have.
 
         Raises:
             ValueError: If the model has none.
@@ -88,16 +84,16 @@ class StereoReplayBuffer(ReplayBuffer):
             )
         stereo = cls.__new__(cls)
         stereo.__dict__.update(model.replay_buffer.__dict__)
-        stereo._set_up(n_views, mirrored_joints, n_joints, mirror_probability, goal_share)
+        stereo._set_up(**settings)
         return stereo
 
     def _set_up(
         self,
-        n_views: int,
-        mirrored_joints: Sequence[int] | None,
-        n_joints: int | None,
-        mirror_probability: float | None,
-        goal_share: float,
+        n_views: int = 2,
+        mirrored_joints: Sequence[int] | None = None,
+        n_joints: int | None = None,
+        mirror_probability: float | None = None,
+        goal_share: float = 0.0,
     ) -> None:
         if mirror_probability is None:
             mirror_probability = 0.0 if mirrored_joints is None else 0.5
@@ -275,11 +271,11 @@ class StereoReplay(BaseCallback):
         check_views(env, self.n_views, "StereoReplay has n_views", "callback.StereoReplay.n_views")
         model.replay_buffer = StereoReplayBuffer.of(
             model,
-            self.n_views,
-            asked(env, "mirrored_joints") if self.mirrored_joints is None else self.mirrored_joints,
-            asked(env, "n_joints") if self.n_joints is None else self.n_joints,
-            self.mirror_probability,
-            self.goal_share,
+            n_views=self.n_views,
+            mirrored_joints=asked(env, "mirrored_joints") if self.mirrored_joints is None else self.mirrored_joints,
+            n_joints=asked(env, "n_joints") if self.n_joints is None else self.n_joints,
+            mirror_probability=self.mirror_probability,
+            goal_share=self.goal_share,
         )
 
     def _on_step(self) -> bool:

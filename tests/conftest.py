@@ -1,7 +1,9 @@
-"""One torch thread (four on a busy machine take ten times as long), and log folders that vanish."""
+"""One torch thread (four on a busy machine take ten times as long), log folders that vanish, and the environment."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch as th
@@ -20,3 +22,13 @@ def _sb3_log_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def logs(tmp_path: Path) -> Path:
     """A log folder that does not exist yet."""
     return tmp_path / "logs"
+
+
+@pytest.fixture
+def env() -> Iterator[Any]:
+    """The reaching environment; only who asks for it starts Bullet."""
+    from sb3_stereo.envs.reach import StereoReachEnv
+
+    env = StereoReachEnv(render_mode="rgb_array")
+    yield env
+    env.close()

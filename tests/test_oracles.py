@@ -4,7 +4,6 @@ The closed form of the kinematics, energy and limits are in `test_arm.py`, proje
 observation by plain OpenCV in `test_reach.py`.
 """
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,6 @@ from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import ARMS
 
 N_POSES = 8
-
-
-@pytest.fixture
-def env() -> Iterator[StereoReachEnv]:
-    env = StereoReachEnv(render_mode="rgb_array")
-    yield env
-    env.close()
 
 
 @pytest.mark.parametrize("arm", ARMS)

@@ -1,14 +1,20 @@
 """The speed script's parts: what is timed, in which order, and what the ratios mean."""
 
 import io
+import json
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
-from benchmarks import speed, timing
+from benchmarks import environments, speed, timing, trainings, updates
 
+HERE = Path(speed.__file__).parent
 ENVS = {"ours": 10.0, "ours, with a floor": 12.0, "ours, bare": 9.0, "panda-gym": 150.0}
 UPDATES = {"ddpg, ours": 10.0, "ddpg, sb3": 35.0, "dqn, ours": 4.0, "dqn, sb3": 10.0}
+PREDICTIONS = {"ddpg, ours": 1.0, "ddpg, sb3": 0.9, "dqn, ours": 0.5, "dqn, sb3": 1.0}
 
 
 def test_rounds_are_interleaved_and_the_first_does_not_count() -> None:
@@ -29,28 +35,82 @@ def test_a_candidate_takes_as_long_as_its_call() -> None:
     assert timing.timed(lambda: time.sleep(0.02))() >= 0.02
 
 
+def test_parts_tell_of_the_latest_call_and_with_the_rest_are_all_of_it() -> None:
+    parts = timing.Parts()
+    doze = parts.watch("doze", time.sleep)
+    naps = iter([0.03, 0.01])
+
+    def call() -> None:
+        doze(next(naps))
+        time.sleep(0.02)
+
+    candidates = parts.candidates(call)
+    assert list(candidates) == ["all", "doze", "the rest"]
+    first, second = ({name: candidate() for name, candidate in candidates.items()} for _ in range(2))
+    assert first["doze"] >= 0.03 and first["all"] >= 0.05
+    assert 0.01 <= second["doze"] < first["doze"] + 0.01 and second["all"] >= 0.03
+    for taken in (first, second):
+        assert taken["the rest"] >= 0.02 and sum(taken.values()) == pytest.approx(2 * taken["all"])
+
+
 def test_a_worker_that_ends_is_an_error_and_not_a_hang() -> None:
-    with pytest.raises(
-        RuntimeError, match=r"^python -m benchmarks.updates ddpg ours no number ended before it answered$"
+    with (
+        timing.Worker("benchmarks.updates", "ddpg", "ours", "no number") as worker,
+        pytest.raises(
+            RuntimeError, match=r"^python -m benchmarks.updates ddpg ours no number ended before it answered$"
+        ),
     ):
-        timing.Worker("benchmarks.updates", "ddpg", "ours", "no number")
+        worker.ask("update")
 
 
 def test_a_worker_answers_every_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
-    timing.serve(lambda: 0.5)
-    assert capsys.readouterr().out.split("\n") == ["ready", "took 0.5", "took 0.5", ""]
+    monkeypatch.setattr("sys.stdin", io.StringIO("work\nplay\n"))
+    timing.serve({"work": lambda: 0.5, "play": lambda: 2.0})
+    assert capsys.readouterr().out.split("\n") == ["answer: work, play", "answer: 0.5", "answer: 2.0", ""]
 
 
-def test_the_time_inside_is_part_of_the_step() -> None:
-    candidate = speed.bare()
-    start = time.perf_counter()
-    inside = candidate()
-    assert 0 < inside < time.perf_counter() - start
+def test_what_libraries_print_from_c_is_no_part_of_the_answer() -> None:
+    code = """
+import ctypes
+from benchmarks.timing import library_lines_to_stderr
+with library_lines_to_stderr():
+    ctypes.CDLL(None).printf(b"noise")
+print("answer")
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=HERE.parent, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("answer\n", "noise")
+
+
+@pytest.mark.skipif(not Path("/proc").exists(), reason="only Linux tells")
+def test_the_peak_counts_what_was_held_and_given_back() -> None:
+    before = timing.peak_memory()
+    held = bytearray(200 * 2**20)
+    del held
+    assert timing.peak_memory() >= before + 100
+
+
+def test_the_parts_of_an_environment_step_are_all_timed() -> None:
+    taken = {name: candidate() for name, candidate in environments.step_parts().items()}
+    parts = ["simulation", "efforts", "blobs", "left view", "right view", "composite"]
+    assert list(taken) == ["all", *parts, "the rest"]
+    assert min(taken.values()) > 0
+    assert environments.bare(taken) == taken["simulation"] + taken["left view"] + taken["right view"]
+
+
+def test_the_parts_of_a_training_step_are_all_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trainings, "N_STEPS", 1)
+    model, callbacks = trainings.make_training(n_random=5)
+    n_updates = model._n_updates
+    taken = {name: candidate() for name, candidate in trainings.training_parts(model, callbacks).items()}
+    parts = ["environment", "choosing the action", "gradient steps", "motion updates"]
+    assert list(taken) == ["all", *parts, "the rest"]
+    assert min(taken.values()) > 0
+    assert model._n_updates == n_updates + 3
+    assert trainings.memory(model)() > 2 * 10_000 * 84 * 84 / 2**20  # what the images alone take
 
 
 def test_ratios_say_how_many_times_ours_is_faster() -> None:
-    found = speed.ratios(ENVS, {"1": 100.0, "2": 180.0, "4": 300.0}, UPDATES)
+    found = speed.ratios(ENVS, {"1": 100.0, "2": 180.0, "4": 300.0}, UPDATES, PREDICTIONS)
     assert found == {
         "env_vs_panda_gym": 15.0,
         "env_with_floor_vs_panda_gym": 12.5,
@@ -59,14 +119,57 @@ def test_ratios_say_how_many_times_ours_is_faster() -> None:
         "env_scaling_4": 0.75,
         "ddpg_update_vs_sb3": 3.5,
         "dqn_update_vs_sb3": 2.5,
+        "dqn_nature_update_vs_sbx": None,
+        "ddpg_predict_vs_sb3": 0.9,
+        "dqn_predict_vs_sb3": 2.0,
         "overhead_fraction": 0.1,
         "step_vs_bare": 1.11,
     }
 
 
+@pytest.mark.parametrize("algo", ["ddpg", "dqn"])
+def test_learners_that_are_compared_have_networks_of_one_size(algo: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for SB3's way of joining the action, and its missing norms after the hidden layers: a thousandth."""
+    monkeypatch.setattr(updates, "N_STORED", 1)
+    sizes = []
+    for whose in ("ours", "sb3"):
+        policy = updates.make_model(algo, whose).policy
+        networks = [policy.actor, policy.critic] if algo == "ddpg" else [policy.q_net]
+        sizes.append(sum(parameter.numel() for network in networks for parameter in network.parameters()))
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.002)
+
+
+def test_the_committed_report_is_the_committed_records() -> None:
+    record = json.loads((HERE / "results" / "speed.json").read_text(encoding="utf-8"))
+    assert (HERE / "SPEED.md").read_text(encoding="utf-8") == speed.report(record)
+
+
+def test_the_report_has_what_the_record_has_and_a_dash_for_a_peer_that_was_missing() -> None:
+    record = {"ratios": {"env_vs_fetch": None}, "peak_memory": {"training": 512.25}, "threads": 1}
+    text = speed.report({**record, "training_steps_per_second": 12.3456, "machine": "4 cores", "versions": "python 3"})
+    assert text.split("\n")[4:] == [
+        "| ratio | |",
+        "| --- | --- |",
+        "| env_vs_fetch | – |",
+        "",
+        "| peak memory of a process in MiB | |",
+        "| --- | --- |",
+        "| training | 512.2 |",
+        "",
+        "Such a training takes 12.3 environment steps per second.",
+        "",
+        "On 4 cores; python 3.",
+        "",
+    ]
+
+
 @pytest.mark.slow
-def test_the_quick_run_prints_every_ratio(capsys: pytest.CaptureFixture[str]) -> None:
-    speed.main(["--quick"])
-    printed = capsys.readouterr().out
+def test_the_quick_run_prints_one_object_and_writes_nothing() -> None:
+    before = (HERE / "results" / "speed.json").read_bytes(), (HERE / "SPEED.md").read_bytes()
+    command = [sys.executable, "-m", "benchmarks.speed", "--quick", "--json"]
+    done = subprocess.run(command, cwd=HERE.parent, stdout=subprocess.PIPE, text=True, check=True)
+    printed = json.loads(done.stdout)
     for name in ("env_scaling_2", "ddpg_update_vs_sb3", "dqn_update_vs_sb3", "overhead_fraction", "step_vs_bare"):
-        assert f"| {name} | " in printed
+        assert printed[name] > 0
+    assert {"env_vs_panda_gym", "env_vs_fetch"} <= printed.keys()  # null where the peer is not installed
+    assert before == ((HERE / "results" / "speed.json").read_bytes(), (HERE / "SPEED.md").read_bytes())

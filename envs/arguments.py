@@ -1,0 +1,85 @@
+"""Arguments of the reaching environment and of its calls, checked at the door."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.cameras import CameraSpec
+from sb3_stereo.envs.specs import MAX_NUMBER, as_number, fit, quoted, require
+
+Floats = NDArray[np.float64]
+
+MAX_PULSE_STEPS = 100_000  # some seconds of computing
+MAX_PHYSICS_RATE = 100_000  # [Hz]
+RESET_OPTIONS = ("joint_positions", "target_position")
+
+
+def check_render_mode(mode: object, modes: Sequence[str]) -> None:
+    """Raise a ValueError unless it is None or one of the modes."""
+    known = mode is None or (isinstance(mode, str) and mode in modes)
+    choices = ", ".join(repr(choice) for choice in (None, *modes))
+    require(known, f"unknown render_mode {quoted(mode)}; it is one of {choices}")
+
+
+def check_flags(**flags: object) -> None:
+    """Raise a ValueError unless all are true or false."""
+    for name, flag in flags.items():
+        fit(flag, bool, name)
+
+
+def check_pictures(views: Sequence[CameraSpec], rho: float) -> None:
+    """Raise a ValueError unless all pictures have one size, and distances in them can be more than `rho`."""
+    sizes = {f"{view.width} x {view.height}" for view in views}
+    require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
+    diagonal = math.hypot(views[0].width, views[0].height)
+    require(rho < diagonal, f"rho is {rho:g}; give less than {diagonal:.0f} px, the diagonal of a picture")
+
+
+def checked_reset_options(options: Any) -> Mapping[str, Any]:
+    """`reset`'s options, with names that are known; None is no options."""
+    options = {} if options is None else options
+    known = ", ".join(RESET_OPTIONS)
+    require(isinstance(options, Mapping), f"the reset options are {quoted(options)}; give a map of {known}")
+    for name in options:
+        require(name in RESET_OPTIONS, f"unknown reset option {quoted(name)}; options are {known}")
+    checked: Mapping[str, Any] = options
+    return checked
+
+
+def positive(name: str, value: Any) -> float:
+    """`value` as a positive number."""
+    number = as_number(value) or 0.0
+    require(number > 0.0, f"{name} is {quoted(value)}; give a positive number")
+    return number
+
+
+def timing(physics_rate: Any, pulse_duration: Any) -> tuple[float, int]:
+    """The simulation's rate in [Hz] and the steps that a pulse takes."""
+    rate, given = as_number(physics_rate) or 0.0, f"physics_rate is {quoted(physics_rate)}"
+    require(rate >= 240, f"{given}; give at least 240 Hz")
+    require(rate <= MAX_PHYSICS_RATE, f"{given}; give at most {MAX_PHYSICS_RATE} Hz")
+    n_steps = positive("pulse_duration", pulse_duration) * rate
+    so_many = f"pulse_duration is {quoted(pulse_duration)}, which takes {n_steps:.3g} simulation steps"
+    require(n_steps <= MAX_PULSE_STEPS, f"{so_many}; give a shorter one, of at most {MAX_PULSE_STEPS} steps")
+    return rate, max(1, round(n_steps))
+
+
+def bounded(name: str, value: Any, size: int) -> Floats:
+    """`value` as a vector of numbers that physics can bear."""
+    checked = vector(name, value, size)
+    require(np.abs(checked).max() <= MAX_NUMBER, f"{name} is {checked.tolist()}; give at most {MAX_NUMBER:g}")
+    return checked
+
+
+def vector(name: str, value: Any, size: int) -> Floats:
+    """`value` as a finite vector of `size` numbers, a copy."""
+    try:
+        numbers = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} is {quoted(value)}; give {size} numbers") from None
+    require(numbers.shape == (size,), f"{name} has shape {numbers.shape}; give ({size},)")
+    require(bool(np.all(np.isfinite(numbers))), f"{name} is {numbers.tolist()}; give finite numbers")
+    return numbers
