@@ -105,13 +105,16 @@ def train_missing(rows: Sequence[Row], seeds: Iterable[int], args: argparse.Name
     logs = args.logs.absolute()
     logs.mkdir(parents=True, exist_ok=True)
     tune_folder = Path(tempfile.mkdtemp(prefix="tune_", dir=logs))  # not shared with a call for other rows
-    with connected(args.address), closing(Recorder(missing)) as recorder:
-        from sb3_stereo.tuning.trials import fit_listed
+    failures: list[str] = []
+    try:
+        with connected(args.address), closing(Recorder(missing)) as recorder:
+            from sb3_stereo.tuning.trials import fit_listed
 
-        trainings = [cell_training(row, seed, logs) for row, seed in missing]
-        failures = fit_listed(trainings, tune_folder, args.workers, RETRIES, recorder.record)
-    if not failures:
-        shutil.rmtree(tune_folder)
+            trainings = [cell_training(row, seed, logs) for row, seed in missing]
+            failures = fit_listed(trainings, tune_folder, args.workers, RETRIES, recorder.record)
+    finally:
+        if not failures:  # else their errors are there
+            shutil.rmtree(tune_folder, ignore_errors=True)
     return failures
 
 
