@@ -5,24 +5,28 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-import subprocess
-import sys
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sb3_stereo.config import Config, load_config
+from sb3_stereo.config import Config
 from sb3_stereo.files import replacing
-from sb3_stereo.progress import Bar, say
-from sb3_stereo.runs import EVALUATIONS, has_ended, versions
-from sb3_stereo.runtime import available_cores
-from sb3_stereo.train import make_parser
-from sb3_stereo.tuning.records import find_trial
-from sb3_stereo.values import parse_assignments
+from sb3_stereo.progress import Bar
+from sb3_stereo.runs import EVALUATIONS, versions
+from sb3_stereo.train import make_config, make_options, make_parser
+from sb3_stereo.tuning.cluster import add_cluster_flags, check_cluster_flags, connected
+from sb3_stereo.tuning.config import Metric
+
+if TYPE_CHECKING:
+    from sb3_stereo.tuning.trials import Training
 
 RESULTS = Path(__file__).parent / "results"
+SUCCESS = Metric("eval/success_rate", "maximize")
+RETRIES = 2
 
 
 @dataclass(frozen=True)
@@ -50,9 +54,7 @@ class Row:
 
     def config(self) -> Config:
         """What that command learns."""
-        args = make_parser().parse_args(self.command(seed=0)[2:])
-        params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
-        return load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
+        return make_config(make_parser().parse_args(self.command(seed=0)[2:]))
 
     @property
     def record(self) -> Path:
@@ -82,32 +84,90 @@ def write(record: Path, lines: Iterable[dict[str, str]]) -> None:
         writer.writerows(lines)
 
 
-def train_missing(rows: Iterable[Row], seeds: Iterable[int], logs: Path, n_workers: int) -> None:
+def train_missing(rows: Sequence[Row], seeds: Iterable[int], args: argparse.Namespace) -> list[str]:
     """Train every cell that has no record, seed by seed so that all rows grow together, and record each at once.
 
-    A cell that fails is reported and does not stop the others; the next call tries it again.
+    Cells are trials of Ray Tune, like a sweep's: one that was interrupted goes on, one that fails is tried again and
+    does not stop the others.
 
-    Raises:
-        RuntimeError: At the end, if a cell failed.
+    Args:
+        rows: Whose cells.
+        seeds: Of every row.
+        args: Of `parse_arguments`.
+
+    Returns:
+        What failed.
     """
     missing = [(row, seed) for seed in seeds for row in rows if seed not in row.done()]
-    failed = []
-    bar = Bar(len(missing), "cell", interval=math.inf)  # a cell has a line of its own
-    with ThreadPoolExecutor(n_workers) as pool:
-        futures = {pool.submit(train_cell, row, seed, logs): (row, seed) for row, seed in missing}
-        for number, future in enumerate(as_completed(futures), 1):
-            row, seed = futures[future]
-            bar.update(number)
-            try:
-                lines = future.result()
-            except (subprocess.CalledProcessError, OSError) as error:
-                failed.append(f"{row.name}, seed {seed}: {error}")
-                continue
-            write(row.record, [line for line in read(row.record) if int(line["seed"]) != seed] + lines)
-            say(f"{number}/{len(missing)}: {row.name}, seed {seed}, {describe(lines[-1])}, {bar.left(number)}")
-    bar.close()
-    if failed:
-        raise RuntimeError("some cells failed:\n" + "\n".join(failed))
+    if not missing:
+        return []
+    check_cluster_flags(args)
+    logs = args.logs.absolute()
+    logs.mkdir(parents=True, exist_ok=True)
+    tune_folder = Path(tempfile.mkdtemp(prefix="tune_", dir=logs))  # not shared with a call for other rows
+    failures: list[str] = []
+    try:
+        with connected(args.address), closing(Recorder(missing)) as recorder:
+            from sb3_stereo.tuning.trials import fit_listed
+
+            trainings = [cell_training(row, seed, logs) for row, seed in missing]
+            failures = fit_listed(trainings, tune_folder, args.workers, RETRIES, recorder.record)
+    finally:
+        if not failures:  # else their errors are there
+            shutil.rmtree(tune_folder, ignore_errors=True)
+    return failures
+
+
+def cell_training(row: Row, seed: int, logs: Path) -> Training:
+    """A cell as a trial: an ordinary run, with one thread."""
+    from sb3_stereo.tuning.trials import Training
+
+    flags = ["-f", str(logs / row.name / f"seed_{seed}"), "--num-threads", "1", "--n-eval-envs", "1", "--verbose", "0"]
+    command = [*row.command(seed), *flags]
+    args = make_parser().parse_args(command[2:])
+    return Training(cell_name(row, seed), make_config(args), make_options(args), vars(args), command, SUCCESS)
+
+
+def cell_name(row: Row, seed: int) -> str:
+    """What a person calls a cell."""
+    return f"{row.name}, seed {seed}"
+
+
+class Recorder:
+    """Writes the records of cells as they end, and counts them.
+
+    Args:
+        missing: The cells.
+    """
+
+    def __init__(self, missing: Iterable[tuple[Row, int]]) -> None:
+        self.cells = {cell_name(row, seed): (row, seed) for row, seed in missing}
+        self.bar = Bar(len(self.cells), "cell", interval=math.inf)  # a cell has a line of its own
+        self.n_recorded = 0
+
+    def record(self, training: Training, result: Mapping[str, Any]) -> str:
+        """Record a cell and return what is said of it."""
+        row, seed = self.cells[training.name]
+        lines = cell_lines(row, seed, Path(result["run"]))
+        write(row.record, [line for line in read(row.record) if int(line["seed"]) != seed] + lines)
+        self.n_recorded += 1
+        self.bar.update(self.n_recorded)
+        count = f"{self.n_recorded}/{self.bar.total}"
+        return f"{count}: {training.name}, {describe(lines[-1])}, {self.bar.left(self.n_recorded)}"
+
+    def close(self) -> None:
+        """Leave the bar as it stands."""
+        self.bar.close()
+
+
+def cell_lines(row: Row, seed: int, run: Path) -> list[dict[str, str]]:
+    """A cell's scores with where they come from."""
+    provenance = {
+        "command": " ".join(row.command(seed)),
+        "versions": ", ".join(f"{name} {found}" for name, found in versions().items()),
+    }
+    with (run / EVALUATIONS).open(newline="", encoding="utf-8") as file:
+        return [{"seed": str(seed), **line, **provenance} for line in csv.DictReader(file)]
 
 
 def parse_arguments(
@@ -116,7 +176,7 @@ def parse_arguments(
     """Parse the arguments that the scripts of tables share; `rows` becomes the chosen ones."""
     parser.add_argument("--seeds", type=int, default=n_seeds, help=f"seeds per row, from 0 (default: {n_seeds})")
     parser.add_argument("--rows", nargs="+", default=[], metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--workers", type=int, default=available_cores(), help="cells at a time (default: the cores)")
+    add_cluster_flags(parser)
     parser.add_argument("--logs", type=Path, default=Path("logs/tables"), help="the cells' runs (default: logs/tables)")
     parser.add_argument("--report", action="store_true", help="train nothing")
     args = parser.parse_args(argv)
@@ -130,34 +190,3 @@ def parse_arguments(
 def describe(line: dict[str, str]) -> str:
     """A recorded score as a person says it."""
     return f"{100 * float(line['success_rate']):.0f} % at step {line['timesteps']}"
-
-
-def train_cell(row: Row, seed: int, logs: Path) -> list[dict[str, str]]:
-    """Train one cell in a process of its own, with one thread, and return its scores with where they come from.
-
-    A run of the same settings that was interrupted goes on from its last checkpoint.
-    """
-    folder = logs / row.name / f"seed_{seed}"
-    folder.mkdir(parents=True, exist_ok=True)
-    config = row.config()
-    run = find_trial(folder, config, seed)
-    if run is None:
-        flags = ("-f", str(folder), "--num-threads", "1", "--n-eval-envs", "1")
-        train([*row.command(seed)[2:], *flags], folder)
-    elif not has_ended(run, config):
-        train(["--resume", str(run)], folder)
-    run = find_trial(folder, config, seed)
-    assert run is not None  # else the training would have failed
-    provenance = {
-        "command": " ".join(row.command(seed)),
-        "versions": ", ".join(f"{name} {found}" for name, found in versions().items()),
-    }
-    with (run / EVALUATIONS).open(newline="", encoding="utf-8") as file:
-        return [{"seed": str(seed), **line, **provenance} for line in csv.DictReader(file)]
-
-
-def train(arguments: Sequence[str], folder: Path) -> None:
-    """Call `train.py` and keep what it prints."""
-    with (folder / "output.txt").open("a", encoding="utf-8") as output:
-        command = [sys.executable, "-m", "sb3_stereo.train", *arguments]
-        subprocess.run(command, stdout=output, stderr=output, check=True)

@@ -8,6 +8,7 @@ finished cell. `--report` only writes the report, the same bytes from the same r
 """
 
 import argparse
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +20,11 @@ from benchmarks.cells import Row, parse_arguments, read, train_missing, write
 from benchmarks.depth import probe
 from benchmarks.paper_tables import OUR_CHECKPOINTS, ROWS
 from benchmarks.report import line_of, provenance, table
+from sb3_stereo.cli import run_command
 from sb3_stereo.progress import say
 from sb3_stereo.runs import model_path
 from sb3_stereo.tuning.records import find_trial
+from sb3_stereo.tuning.report import tell_failures
 
 RANDOM = ("--env", "WamStereoReachRandom-v0", "--eval-freq", "5000")
 RANDOM_CHECKPOINTS = (5000, 10_000, 20_000, 40_000, 60_000, 80_000, 100_000)
@@ -133,15 +136,21 @@ def write_claims(folder: Path) -> Path:
     return report
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.claims_tables", description=__doc__.splitlines()[0])
-    args = parse_arguments(parser, argv, 3, CLAIMS)
+def claims_command(args: argparse.Namespace) -> int:
+    """Train and probe what is missing, and write the report."""
+    failures = []
     if not args.report:
-        train_missing(args.rows, range(args.seeds), args.logs, args.workers)
+        failures = train_missing(args.rows, range(args.seeds), args)
         probe_missing(args.rows, range(args.seeds), args.logs)
     print(f"Wrote {write_claims(Path(__file__).parent)}")
+    return tell_failures(failures)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line; the exit status is that of a sweep."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.claims_tables", description=__doc__.splitlines()[0])
+    return run_command(claims_command, parse_arguments(parser, argv, 3, CLAIMS))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

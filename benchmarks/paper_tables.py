@@ -2,12 +2,13 @@
 
     python -m benchmarks.paper_tables
 
-trains every cell (row x seed) that has no record yet, in parallel over the cores, then writes `benchmarks/RESULTS.md`
+trains every cell (row x seed) that has no record yet, as a trial of Ray Tune each, then writes `benchmarks/RESULTS.md`
 and the learning curves from the records in `benchmarks/results/`. It can be interrupted at any time; it loses no
 finished cell. `--report` only writes the report, the same bytes from the same records.
 """
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,6 +17,8 @@ from pathlib import Path
 from benchmarks import cells
 from benchmarks.cells import Row, parse_arguments, train_missing
 from benchmarks.report import write_report
+from sb3_stereo.cli import run_command
+from sb3_stereo.tuning.report import tell_failures
 
 DDPG_CHECKPOINTS = (1500, 2000, 5000, 7000, 8500)  # Table 3
 OUR_CHECKPOINTS = (1500, 2000, 3000, 5000, 7000, 8500)
@@ -59,21 +62,31 @@ def quick(row: Row) -> Row:
     return replace(row, arguments=(*flags, *params), checkpoints=(30,))
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Command line."""
+def train_quickly(args: argparse.Namespace) -> int:
+    """Run everything in a temporary folder and show the report."""
+    with tempfile.TemporaryDirectory() as folder:
+        cells.RESULTS, args.logs = Path(folder) / "results", Path(folder) / "logs"
+        rows = [quick(row) for row in args.rows]
+        failures = train_missing(rows, range(1), args)
+        print(write_report(rows, Path(folder)).read_text(encoding="utf-8"))
+        return tell_failures(failures)
+
+
+def tables_command(args: argparse.Namespace) -> int:
+    """Train what is missing and write the report."""
+    if args.quick:
+        return train_quickly(args)
+    failures = [] if args.report else train_missing(args.rows, range(args.seeds), args)
+    print(f"Wrote {write_report(ROWS, Path(__file__).parent)}")
+    return tell_failures(failures)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line; the exit status is that of a sweep."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper_tables", description="Tables 3 and 4 and ours.")
     parser.add_argument("--quick", action="store_true", help="a tiny version of everything, in a temporary folder")
-    args = parse_arguments(parser, argv, 5, ROWS)
-    if args.quick:
-        with tempfile.TemporaryDirectory() as folder:
-            cells.RESULTS = Path(folder) / "results"
-            train_missing([quick(row) for row in args.rows], range(1), Path(folder) / "logs", args.workers)
-            print(write_report([quick(row) for row in args.rows], Path(folder)).read_text(encoding="utf-8"))
-        return
-    if not args.report:
-        train_missing(args.rows, range(args.seeds), args.logs, args.workers)
-    print(f"Wrote {write_report(ROWS, Path(__file__).parent)}")
+    return run_command(tables_command, parse_arguments(parser, argv, 5, ROWS))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

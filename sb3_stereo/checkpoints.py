@@ -17,7 +17,7 @@ from sb3_stereo.errors import ConfigError
 from sb3_stereo.files import publish, sha256, sizes
 from sb3_stereo.models import save_model
 from sb3_stereo.runs import CHECKPOINT_PREFIX, how_to_resume
-from sb3_stereo.state import State, capture, restore
+from sb3_stereo.state import State, capture, restore, restore_drawn
 
 FOLDER = "checkpoints"
 N_KEPT = 2  # should the newest be damaged, there is the one before
@@ -123,10 +123,12 @@ class Checkpoint(BaseCallback):
     def _on_training_start(self) -> None:
         if self.state is not None:
             restore(self.model, self.callbacks, self.state["training"])
-            self.state = None  # it is as large as the replay buffer
         self.saved = self.model.num_timesteps
 
     def _on_rollout_start(self) -> None:
+        if self.state is not None:
+            restore_drawn(self.model, self.state["training"])
+            self.state = None  # it is as large as the replay buffer
         step = self.model.num_timesteps
         if self._is_due(step):
             save(self.run, step, {"training": capture(self.model, self.callbacks), "logs": sizes(self.logs())})

@@ -16,6 +16,7 @@ from sb3_stereo.building import make_env, make_model
 from sb3_stereo.config import Config, algorithm
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.files import partial_path, publish, replacing, sha256
+from sb3_stereo.state import variables
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -83,7 +84,7 @@ def untrained_model(config: Config, device: str = "auto", seed: int | None = Non
 
 
 def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False) -> None:
-    """Give a model the networks and optimizers of a saved one.
+    """Give a model the networks, optimizers and entropy coefficient of a saved one.
 
     Args:
         model: Of the same settings.
@@ -101,6 +102,10 @@ def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False) -> Non
     try:
         with zipfile.ZipFile(path) as archive:
             model.set_parameters({name: _read(archive, f"{name}.pth", limit) for name in names})
+            if learnt := variables(model):
+                saved = _read(archive, "pytorch_variables.pth", limit)
+                for name, variable in learnt.items():
+                    variable.data.copy_(saved[name])
     except (OSError, zipfile.BadZipFile, KeyError, ValueError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"cannot load '{path}': {reason}; choose a model of the same settings") from error

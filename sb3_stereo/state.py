@@ -6,6 +6,7 @@ Plain, because `torch.load(weights_only=True)` reads it without running anything
 import random
 from collections import deque
 from collections.abc import Mapping, Sequence
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,7 @@ COUNTERS = (
     "exploration_rate",  # DQN's
     "_current_progress_remaining",
 )
+SDE = ("exploration_mat", "exploration_matrices")  # of state-dependent exploration
 
 
 def capture(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback]) -> State:
@@ -37,7 +39,7 @@ def capture(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback]) -> State:
     assert env is not None
     state = {
         "networks": model.get_parameters(),
-        "variables": {name: _find(model, name).detach() for name in _variables(model)},
+        "variables": {name: variable.detach() for name, variable in variables(model).items()},
         "counters": {name: getattr(model, name) for name in COUNTERS if hasattr(model, name)},
         "last_obs": model._last_obs,
         "last_episode_starts": model._last_episode_starts,
@@ -47,6 +49,7 @@ def capture(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback]) -> State:
         "noise": [_noise_state(noise) for noise in _noises(model)],
         "callbacks": [_callback_state(callback) for callback in callbacks],
         "episodes": episodes(env),
+        "explorations": [{name: getattr(found, name).detach() for name in SDE} for found in _explorations(model)],
         "generators": _generators(model),
     }
     plain: State = to_plain(state)
@@ -54,12 +57,15 @@ def capture(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback]) -> State:
 
 
 def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: State) -> None:
-    """Bring a training that has been set up anew, and has not stepped yet, to a captured state."""
+    """Bring a training that has been set up anew, and has not stepped yet, to a captured state.
+
+    `restore_drawn` is the rest of it.
+    """
     env = model.get_env()
     assert env is not None
     model.set_parameters(state["networks"])
-    for name, value in state["variables"].items():
-        _find(model, name).data.copy_(value)
+    for name, variable in variables(model).items():
+        variable.data.copy_(state["variables"][name])
     for name, value in state["counters"].items():
         setattr(model, name, value)
     model._num_timesteps_at_start = model.num_timesteps  # what SB3 measures its speed from
@@ -73,6 +79,15 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
     for callback, saved in zip(callbacks, state["callbacks"], strict=True):
         _restore_callback(callback, saved)
     replay(env, to_numpy(state["episodes"]))
+
+
+def restore_drawn(model: "BaseAlgorithm", state: State) -> None:
+    """Bring back the generators, and the exploration that SB3 has drawn from them for this rollout.
+
+    Call it when the first rollout starts: with `use_sde`, SB3 has drawn once more just before.
+    """
+    for distribution, saved in zip(_explorations(model), state.get("explorations", ()), strict=True):
+        vars(distribution).update({name: saved[name].to(model.device) for name in SDE})
     _restore_generators(model, state["generators"])
 
 
@@ -96,17 +111,14 @@ def to_numpy(value: Any) -> Any:
     return value.numpy() if isinstance(value, th.Tensor) else value
 
 
-def _variables(model: "BaseAlgorithm") -> list[str]:
-    """Names of what SB3 learns outside its networks: SAC's entropy coefficient."""
-    names = model._get_torch_save_params()[1]
-    return [name for name in names if _find(model, name) is not None]
+def variables(model: "BaseAlgorithm") -> dict[str, th.Tensor]:
+    """Return what SB3 learns outside its networks, by name: SAC's entropy coefficient."""
+    return {name: attrgetter(name)(model) for name in model._get_torch_save_params()[1]}
 
 
-def _find(model: "BaseAlgorithm", name: str) -> Any:
-    found: Any = model
-    for part in name.split("."):
-        found = getattr(found, part)
-    return found
+def _explorations(model: "BaseAlgorithm") -> list[Any]:
+    """The distributions of state-dependent exploration: none without `use_sde`."""
+    return [getattr(model, "actor", model.policy).action_dist] if model.use_sde else []
 
 
 def _buffer_arrays(buffer: ReplayBuffer) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from sb3_stereo import runtime
 from sb3_stereo.cli import INTERRUPTED, Parser, add_process_flags, add_run_flags, check_device, run_command
 
 if TYPE_CHECKING:
-    from sb3_stereo.training import Result
+    from sb3_stereo.config import Config
+    from sb3_stereo.training import Options, Result
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -55,28 +56,21 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def train_command(args: argparse.Namespace) -> int:
-    """Read the configuration, train, and say how it went."""
-    runtime.tune_allocator()
-    if args.resume:
-        return resume_command(args)
-    from sb3_stereo import tables
+def make_config(args: argparse.Namespace) -> "Config":
+    """Return what a command learns."""
     from sb3_stereo.config import load_config
-    from sb3_stereo.runs import import_packages
-    from sb3_stereo.training import Options, train
     from sb3_stereo.values import parse_assignments
 
-    import_packages(args.gym_packages)
     params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
-    config = load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
-    check_flags(args)
-    n_threads = runtime.set_threads(args.num_threads)
-    seed = args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31)
-    if args.verbose:
-        print(f"Training {config.algo} on {config.env_id}, seed {seed}, {n_threads} threads, with")
-        print(tables.settings_table(config), flush=True)
-    options = Options(
-        seed=seed,
+    return load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
+
+
+def make_options(args: argparse.Namespace) -> "Options":
+    """Return how a command runs its training."""
+    from sb3_stereo.training import Options
+
+    return Options(
+        seed=args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31),
         log_folder=args.log_folder,
         eval_freq=args.eval_freq,
         n_eval_envs=args.n_eval_envs if args.n_eval_envs > 0 else runtime.free_cores(),
@@ -89,8 +83,27 @@ def train_command(args: argparse.Namespace) -> int:
         progress=args.progress or None,
         verbose=args.verbose,
     )
+
+
+def train_command(args: argparse.Namespace) -> int:
+    """Read the configuration, train, and say how it went."""
+    runtime.tune_allocator()
+    if args.resume:
+        return resume_command(args)
+    from sb3_stereo import tables
+    from sb3_stereo.runs import import_packages
+    from sb3_stereo.training import train
+
+    import_packages(args.gym_packages)
+    config = make_config(args)
+    check_flags(args)
+    n_threads = runtime.set_threads(args.num_threads)
+    options = make_options(args)
+    if args.verbose:
+        print(f"Training {config.algo} on {config.env_id}, seed {options.seed}, {n_threads} threads, with")
+        print(tables.settings_table(config), flush=True)
     start = time.monotonic()
-    result = train(config, options, vars(args) | {"seed": seed, "num_threads": n_threads})
+    result = train(config, options, vars(args) | {"num_threads": n_threads})
     return report(result, time.monotonic() - start, args.verbose)
 
 

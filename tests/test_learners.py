@@ -15,6 +15,9 @@ from sb3_stereo.config import ALGORITHMS, algorithm, load_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation import q_value
 from sb3_stereo.extractors import StereoCnn
+from sb3_stereo.models import load_model, untrained_model
+from sb3_stereo.runs import model_path
+from sb3_stereo.state import variables
 from sb3_stereo.training import Options, train
 
 pytest.importorskip("sb3_contrib", reason='pip install -e ".[contrib]"')
@@ -67,6 +70,24 @@ def test_our_file_trains_on_the_real_task(algo: str, logs: Path) -> None:
     result = train(config, Options(seed=0, log_folder=str(logs), verbose=0))
     assert result.n_timesteps == 200
     assert result.evaluation is not None and result.evaluation.n_poses == 100
+
+
+@pytest.mark.parametrize("algo", LEARNERS)
+def test_a_run_is_loaded_without_running_its_pickle_as_sb3_loads_it(algo: str, logs: Path) -> None:
+    params = ROLLOUT | {"n_envs": 1} if algo == "ppo" else REPLAY
+    config = load_config(algo, fake_reach.ENV_ID, params=params, n_timesteps=20)
+    run = train(config, Options(seed=0, log_folder=str(logs), eval_freq=-1, verbose=0)).run
+    path = model_path(run, config.env_id)
+    ours, sb3s = load_model(config, path, "cpu"), load_model(config, path, "cpu", trust=True)
+    untrained = untrained_model(config, "cpu", seed=0)
+    assert any(not th.equal(a, b) for a, b in zip(weights(ours), weights(untrained), strict=True))
+    for a, b in zip(weights(ours), weights(sb3s), strict=True):
+        assert th.equal(a, b)
+    found = variables(ours)
+    assert (algo in ("sac", "tqc", "crossq")) == bool(found)
+    assert all(th.equal(value, variables(sb3s)[name]) for name, value in found.items())
+    image, _ = gym.make(fake_reach.ENV_ID).reset(seed=0)
+    np.testing.assert_array_equal(*(model.predict(image, deterministic=True)[0] for model in (ours, sb3s)))
 
 
 @pytest.mark.parametrize("name", LEARNERS)

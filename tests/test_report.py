@@ -1,6 +1,9 @@
 """The report of the tables, from records made by hand."""
 
+import argparse
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from benchmarks.cells import Row, read, train_missing, write
 from benchmarks.paper_tables import ROWS
 from benchmarks.report import matrix, write_report
 from sb3_stereo.intervals import interval
+from sb3_stereo.tuning import trials
 
 ROW = Row("made_up", "ddpg", "Made up", ("-params", "gamma:0.9"), (10, 20))
 SCORES = {  # (seed, step): success rate, steps, mean action, mean Q
@@ -76,19 +80,26 @@ def test_a_row_without_records_is_named_as_missing(records: Path) -> None:
 
 
 def test_only_missing_cells_are_trained_and_each_is_recorded(records: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(ROW.record, [{**line, "command": "python train.py"} for line in read(ROW.record)])
     trained = []
 
-    def train_cell(row: Row, seed: int, logs: Path) -> list[dict[str, str]]:
-        trained.append(seed)
-        if seed == 3:
-            raise OSError("disk full")
-        return [{**line, "seed": str(seed)} for line in read(row.record) if line["seed"] == "0"]
+    def fit_listed(trainings: Any, folder: Path, workers: int, retries: int, on_end: Any) -> list[str]:
+        for training in trainings:
+            trained.append(training.options.seed)
+            run = Path(training.options.log_folder)
+            run.mkdir(parents=True)
+            scores = [",".join(map(str, (step, *SCORES[0, step]))) for step in (10, 20)]
+            (run / "evaluations.csv").write_text("\n".join([",".join(("timesteps", *COLUMNS)), *scores]))
+            if training.options.seed != 3:
+                on_end(training, {"run": str(run)})
+        return ["disk full"]
 
-    monkeypatch.setattr(cells, "train_cell", train_cell)
-    with pytest.raises(RuntimeError) as error:
-        train_missing([ROW], range(5), records, n_workers=1)
-    assert str(error.value) == "some cells failed:\nmade_up, seed 3: disk full"
+    monkeypatch.setattr(trials, "fit_listed", fit_listed)
+    monkeypatch.setattr(cells, "connected", lambda address: nullcontext())
+    args = argparse.Namespace(address=None, workers=1, logs=records / "logs")
+    assert train_missing([ROW], range(5), args) == ["disk full"]
     assert trained == [2, 3, 4] and ROW.done() == {0, 1, 2, 4}
+    assert train_missing([ROW], range(3), args) == [] and len(trained) == 3, "nothing is missing"
 
 
 def test_interval_of_equal_seeds_is_their_value_and_of_others_lies_around_the_mean() -> None:

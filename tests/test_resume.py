@@ -12,11 +12,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo import checkpoints, training
 from sb3_stereo import train as train_cli
+from sb3_stereo.cli import DEFAULT_ENV
 from sb3_stereo.config import Config, load_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation import random_starts
 from sb3_stereo.models import load_model
 from sb3_stereo.runs import load_record, locked, model_path
+from sb3_stereo.state import variables
 from sb3_stereo.training import Options, Result, resume, train
 
 N_TIMESTEPS = 60
@@ -43,14 +45,17 @@ def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training, "test_starts", lambda *_: random_starts(4, seed=0))
 
 
-def config(algo: str = "ddpg", n_envs: int = 1) -> Config:
+def config(algo: str = "ddpg", n_envs: int = 1, env_id: str = fake_reach.ENV_ID, **changes: Any) -> Config:
     """Our defaults with small networks, so that all that has a memory of its own takes part."""
-    values = load_config(algo, fake_reach.ENV_ID).plain()
+    values = load_config(algo, env_id).plain()
     policy_kwargs = values["policy_kwargs"]
     policy_kwargs["features_extractor_kwargs"] |= {"n_filters": 4, "features_dim": 8, "embedding_dim": 3}
-    tiny = {"learning_starts": 10, "batch_size": 4, "buffer_size": 40 * n_envs, "n_envs": n_envs, "gradient_steps": 1}
-    params = tiny | {"callback": [*values["callback"], f"{__name__}.Kill"], "policy_kwargs": policy_kwargs}
-    return load_config(algo, fake_reach.ENV_ID, params=params, n_timesteps=N_TIMESTEPS)
+    tiny = {"learning_starts": 10, "buffer_size": 40 * n_envs, "gradient_steps": 1}
+    if algo == "ppo":
+        tiny = {"n_steps": 8, "n_epochs": 2}
+    params = tiny | {"batch_size": 4, "n_envs": n_envs, "policy_kwargs": policy_kwargs} | changes
+    params |= {"callback": [*(values["callback"] or ()), f"{__name__}.Kill"]}
+    return load_config(algo, env_id, params=params, n_timesteps=N_TIMESTEPS)
 
 
 def options(logs: Path, **changes: Any) -> Options:
@@ -72,7 +77,9 @@ def killed_and_resumed(logs: Path, config: Config, options: Options, at: list[in
 
 
 def weights(run: Path) -> dict[str, Any]:
-    return load_model(load_record(run)[0], model_path(run, fake_reach.ENV_ID), "cpu").get_parameters()
+    config = load_record(run)[0]
+    model = load_model(config, model_path(run, config.env_id), "cpu")
+    return {**model.get_parameters(), **variables(model)}
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -122,12 +129,35 @@ def test_a_killed_training_ends_as_if_nothing_had_happened(
 ) -> None:
     expected = undisturbed(algo, n_envs)
     run = killed_and_resumed(logs, config(algo, n_envs), options(logs), at).run
+    assert_same_runs(run, expected)
+
+
+def assert_same_runs(run: Path, expected: Path) -> None:
     assert not Kill.at
     assert_same(weights(run), weights(expected))
     assert rows(run / "evaluations.csv", "seconds") == rows(expected / "evaluations.csv", "seconds")
     for monitor in expected.glob("*.monitor.csv"):
         assert rows(run / monitor.name, "t") == rows(monitor, "t")
     assert {path.name for path in run.iterdir()} == {path.name for path in expected.iterdir()}
+
+
+def assert_nothing_happened(logs: Path, config: Config, at: list[int]) -> None:
+    """Train with and without kills, and compare."""
+    expected = killed_and_resumed(logs / "undisturbed", config, options(logs / "undisturbed"), [])
+    assert_same_runs(killed_and_resumed(logs, config, options(logs), at).run, expected.run)
+
+
+@pytest.mark.parametrize("algo", ["sac", "ppo"])
+def test_other_learners_are_resumed_with_their_state_dependent_exploration_too(algo: str, logs: Path) -> None:
+    assert_nothing_happened(logs, config(algo, 2, use_sde=True), [21, 45])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["crossq", "ppo", "sac", "td3", "tqc"])
+def test_every_learner_is_resumed_on_the_real_environment(algo: str, logs: Path) -> None:
+    if algo in ("crossq", "tqc"):
+        pytest.importorskip("sb3_contrib")
+    assert_nothing_happened(logs, config(algo, env_id=DEFAULT_ENV), [17, 30, 59])
 
 
 def test_tensorboard_has_no_gaps_and_nothing_twice(logs: Path) -> None:

@@ -19,8 +19,9 @@ from sb3_stereo.tuning import trials
 from sb3_stereo.tuning.config import Parameter, Sweep, load_sweep
 from sb3_stereo.tuning.records import STOPPED, claim, find_trial, is_done, read_trials, settings
 from sb3_stereo.tuning.report import BEST, PICTURE, TABLE, write_report
+from sb3_stereo.tuning.search import Job, optuna_search, tuner_arguments
 from sb3_stereo.tuning.space import distribution, domain, optuna_space, tune_space
-from sb3_stereo.tuning.trials import Job, optuna_search, run_trial, tuner_arguments
+from sb3_stereo.tuning.trials import run_trial
 
 SHIPPED = Path(__file__).parent.parent / "hyperparams" / "sweeps"
 BASE = {
@@ -279,7 +280,7 @@ def reports(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
 def run_grid(found: Sweep, folder: Path) -> None:
     job = Job(found, folder, "cpu", gym_packages=("fake_reach",), command=("python", "-m", "sb3_stereo.sweep", "x.yml"))
     for _, spec in generate_variants({"config": tune_space(found)}):
-        run_trial(spec["config"], job)
+        run_trial(spec["config"], job.training)
 
 
 def test_a_trial_is_an_ordinary_run_and_is_trained_once(

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from sb3_stereo.tuning.records import Setting, Trial, read_trials, settings
 
 BEST, PICTURE, TABLE = "best.yml", "slices.png", "trials.csv"
 N_SHOWN = 10
+FAILED = 1
 
 
 def write_report(sweep: Sweep, folder: Path) -> str:
@@ -35,6 +37,15 @@ def write_report(sweep: Sweep, folder: Path) -> str:
     else:
         lines.append("No setting is trained to the end with all seeds yet.")
     return "\n".join(lines)
+
+
+def tell_failures(failures: Sequence[str]) -> int:
+    """Print what failed, and return the command's exit status."""
+    for failure in failures:
+        print(f"failed: {failure}", file=sys.stderr)
+    if failures:
+        print("The same command tries what failed once more.", file=sys.stderr)
+    return FAILED if failures else 0
 
 
 def table(sweep: Sweep, found: Sequence[Setting]) -> str:

@@ -1,107 +1,86 @@
-"""The trials of a sweep on Ray Tune. A trial is an ordinary training in a process of its own."""
+"""Trainings as trials of Ray Tune, each in a process of its own: trained once, continued, retried and reported."""
 
 import fcntl
 import hashlib
 import shutil
 import sys
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import optuna
-import ray
 import yaml
 from ray import tune
 from ray.tune.experiment import Trial as TuneTrial
-from ray.tune.schedulers import ASHAScheduler
-from ray.tune.search import BasicVariantGenerator, Repeater
-from ray.tune.search.optuna import OptunaSearch
-from ray.tune.search.repeater import TRIAL_INDEX
+from ray.tune.search import BasicVariantGenerator
 
 from sb3_stereo import runtime
-from sb3_stereo.config import Config, overridden
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.config import Config
+from sb3_stereo.progress import say
 from sb3_stereo.runs import import_packages
-from sb3_stereo.tuning.config import Metric, Resources, Sweep
-from sb3_stereo.tuning.records import STOPPED, Setting, defined, find_trial, read_trials, scores, settings, state
-from sb3_stereo.tuning.report import shown
-from sb3_stereo.tuning.space import optuna_space, tune_space
+from sb3_stereo.training import Options, resume, train
+from sb3_stereo.tuning.cluster import check_resources
+from sb3_stereo.tuning.config import Metric, Resources
+from sb3_stereo.tuning.records import defined, find_trial, scores, state
 
-MODES = {"maximize": "max", "minimize": "min"}
-TUNE_FOLDER = "tune"  # what Ray Tune writes, e.g. the errors of failed trials
+INDEX = "training"  # what Tune suggests where trainings are known beforehand
 
 
 @dataclass(frozen=True)
-class Job:
-    """What a trial needs to know, on whichever machine it runs.
+class Training:
+    """What a trial does, on whichever machine it runs.
 
     Attributes:
-        sweep: The sweep.
-        folder: The sweep's folder, absolute, on a file system that all machines share.
-        device: PyTorch device.
-        num_threads: PyTorch threads of a trial.
-        save_freq: Environment steps between checkpoints; not positive saves none.
-        gym_packages: Packages that register environments.
-        command: What the person typed, for the runs' records.
+        name: How reports call it.
+        config: What it learns.
+        options: How it runs; the log folder is absolute, on a file system that all machines share.
+        record: Further arguments for the run's `args.yml`; `num_threads` and `gym_packages` are the trial's.
+        command: For the run's records.
+        metric: The score that Tune is told.
     """
 
-    sweep: Sweep
-    folder: Path
-    device: str = "auto"
-    num_threads: int = 1
-    save_freq: int = 1000
-    gym_packages: tuple[str, ...] = ()
-    command: tuple[str, ...] = ()
+    name: str
+    config: Config
+    options: Options
+    record: Mapping[str, Any]
+    command: Sequence[str]
+    metric: Metric
 
 
-def run_trial(suggestion: dict[str, Any], job: Job) -> None:
-    """Train one setting with one seed, unless it is trained already, and report the scores to Tune.
+MakeTraining = Callable[[Mapping[str, Any]], Training]
+OnEnd = Callable[[Training, Mapping[str, Any]], str]
 
-    Args:
-        suggestion: Values of the searched hyper-parameters by name, and the seed's index.
-        job: The rest.
-    """
+
+def run_trial(suggestion: dict[str, Any], make_training: MakeTraining) -> None:
+    """Do the training that is suggested, unless that was done already, and report its scores to Tune."""
+    training = make_training(suggestion)
     runtime.tune_allocator()
-    sys.orig_argv[:] = job.command
-    import_packages(job.gym_packages)
-    runtime.set_threads(job.num_threads)
-    params = {key: _plain(value) for key, value in suggestion.items() if key != TRIAL_INDEX}
-    seed = job.sweep.seeds[suggestion[TRIAL_INDEX]]
-    config = overridden(job.sweep.base, params)
-    with _alone(job.folder, config, seed):
-        run = find_trial(job.folder, config, seed)
+    sys.orig_argv[:] = training.command
+    import_packages(training.record["gym_packages"])
+    runtime.set_threads(training.record["num_threads"])
+    folder, config, seed = Path(training.options.log_folder), training.config, training.options.seed
+    with _alone(folder, config, seed):
+        run = find_trial(folder, config, seed)
         if run is None or state(run, config) == "unfinished":
-            run = continue_or_train(run, config, seed, params, job)
+            run = continue_or_train(run, training)
             steps = [max(scores(run))]  # the earlier ones are reported
         else:
             steps = sorted(scores(run))
         for step in steps:
-            report(run, step, job.sweep.metric)
+            report(run, step, training.metric)
 
 
-def continue_or_train(run: Path | None, config: Config, seed: int, params: Mapping[str, Any], job: Job) -> Path:
-    """Train a trial to its end and return its run; an interrupted one goes on from its last checkpoint."""
-    from sb3_stereo.training import Options, resume, train
+def continue_or_train(run: Path | None, training: Training) -> Path:
+    """Train to the end and return the run; an interrupted one goes on from its last checkpoint."""
 
     def on_score(run: Path) -> None:
-        report(run, max(scores(run)), job.sweep.metric)
+        report(run, max(scores(run)), training.metric)
 
     if run is not None:
         return resume(run, verbose=0, on_score=on_score).run
-    options = Options(
-        seed=seed,
-        log_folder=str(job.folder),
-        eval_freq=job.sweep.eval_freq,
-        save_freq=job.save_freq,
-        device=job.device,
-        progress=False,
-        verbose=0,
-    )
-    record = {"params": dict(params), "num_threads": job.num_threads, "gym_packages": list(job.gym_packages)}
-    return train(config, options, record, on_score).run
+    return train(training.config, training.options, training.record, on_score).run
 
 
 def report(run: Path, step: int, metric: Metric) -> None:
@@ -121,137 +100,38 @@ def _alone(folder: Path, config: Config, seed: int) -> Iterator[None]:
         yield
 
 
-def _plain(value: Any) -> Any:
-    """Return NumPy's numbers, which samplers draw, as Python's."""
-    return value.item() if hasattr(value, "item") else value
-
-
-def optuna_search(sweep: Sweep, known: Sequence[Setting]) -> OptunaSearch:
-    """Return Optuna's searcher, which knows the settings that are trained and begins with those that are not quite."""
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    # Lists cannot be stored in Optuna's data bases; this study is in memory.
-    warnings.filterwarnings("ignore", message="Choices for a categorical distribution")
-    search = OptunaSearch(
-        optuna_space(sweep),
-        metric=sweep.metric.name,
-        mode=MODES[sweep.metric.goal],
-        points_to_evaluate=[dict(setting.params) for setting in known if not setting.is_closed],
-        seed=len(known),  # the same seed again would suggest the same settings again
-    )
-    for setting in known:
-        if setting.is_closed:
-            search.add_evaluated_point(dict(setting.params), setting.score)
-    return search
-
-
-def tuner_arguments(sweep: Sweep, folder: Path, workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arguments of Tune's `TuneConfig` that choose the settings, and its `param_space`.
-
-    Args:
-        sweep: The sweep.
-        folder: Its folder.
-        workers: Trials at a time; 0 leaves it to the resources.
-    """
-    if sweep.method != "bayes":
-        # Constant: a random setting is the same for all seeds. The fixed state draws the same settings in every call.
-        search = BasicVariantGenerator(max_concurrent=workers, constant_grid_search=True, random_state=0)
-        return {"search_alg": search, "num_samples": sweep.n_trials or 1}, tune_space(sweep)
-    known = settings(sweep, read_trials(sweep, folder))
-    n_seeds = len(sweep.seeds)
-    return {
-        "search_alg": Repeater(optuna_search(sweep, known), repeat=n_seeds),
-        "num_samples": (sweep.n_trials - sum(setting.is_closed for setting in known)) * n_seeds,
-        "max_concurrent_trials": workers or None,
-    }, {}
-
-
-def scheduler(sweep: Sweep) -> ASHAScheduler | None:
-    """Return the scheduler of `early_terminate`."""
-    early = sweep.early_terminate
-    if early is None:
-        return None
-    return ASHAScheduler(
-        "timesteps", max_t=sweep.base.n_timesteps, grace_period=early.min_iter, reduction_factor=early.eta
-    )
-
-
-def check_resources(resources: Resources) -> None:
-    """Raise a ConfigError unless a machine of the cluster can hold a trial; Tune would wait for one for ever."""
-    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call]
-    machines = [node["Resources"] for node in nodes if node["Alive"]]
-    if not any(m.get("CPU", 0) >= resources.cpu and m.get("GPU", 0) >= resources.gpu for m in machines):
-        have = "; ".join(f"{m.get('CPU', 0):g} cores and {m.get('GPU', 0):g} GPUs" for m in machines)
-        raise ConfigError(
-            f"no machine has the {resources.cpu:g} cores and {resources.gpu:g} GPUs that resources ask for; "
-            f"there are: {have}"
-        )
-
-
-def fit(job: Job, workers: int, callbacks: Sequence[tune.Callback]) -> None:
-    """Run all trials that are missing, on the Ray that is connected."""
-    sweep = job.sweep
-    config, space = tuner_arguments(sweep, job.folder, workers)
-    shutil.rmtree(job.folder / TUNE_FOLDER, ignore_errors=True)
-    resources = {"cpu": sweep.resources.cpu, "gpu": sweep.resources.gpu}
-    tune.Tuner(
-        tune.with_resources(tune.with_parameters(run_trial, job=job), resources),
-        param_space=space,
-        tune_config=tune.TuneConfig(
-            metric=sweep.metric.name, mode=MODES[sweep.metric.goal], scheduler=scheduler(sweep), **config
-        ),
-        run_config=tune.RunConfig(
-            name=TUNE_FOLDER,
-            storage_path=str(job.folder),
-            failure_config=tune.FailureConfig(max_failures=sweep.retries),
-            callbacks=list(callbacks),
-            verbose=0,
-        ),
-    ).fit()
-
-
 class Watch(tune.Callback):
-    """Marks stopped trials, says how trials ended and keeps the failures.
+    """Says how trials end and keeps the failures.
 
     Args:
-        job: The sweep's job.
+        make_training: As in `run_trial`.
+        on_end: Called with a trial's training and its last report when it ends; returns what is said of it.
         verbose: 1 prints a line per trial.
     """
 
-    def __init__(self, job: Job, verbose: int = 1) -> None:
-        self.job = job
-        self.verbose = verbose
+    def __init__(self, make_training: MakeTraining, on_end: OnEnd, verbose: int = 1) -> None:
+        self.make_training, self.on_end, self.verbose = make_training, on_end, verbose
         self.failures: list[str] = []
 
     def on_trial_complete(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
-        """Mark and print."""
-        metric, result = self.job.sweep.metric, trial.last_result
-        if metric.name not in result:  # Tune itself was interrupted
-            return
-        run, step = Path(result["run"]), result["timesteps"]
-        word = state(run, overridden(self.job.sweep.base, self._params(trial)))
-        if word == "unfinished":
-            (run / STOPPED).write_text(f"early_terminate stopped this trial at step {step}\n", encoding="utf-8")
-            word = "stopped"
-        self._say(f"{self._name(trial)}: {word} at step {step}, {metric.name} {result[metric.name]:.4g} ({run.name})")
+        """Tell of the end."""
+        if "run" in trial.last_result:  # else Tune itself was interrupted
+            self._say(self.on_end(self.make_training(trial.config), trial.last_result))
 
     def on_trial_recover(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
-        """Print."""
+        """Tell of the next attempt."""
         self._say(f"{self._name(trial)}: attempt {trial.num_failures} failed and is repeated; {_reason(trial)}")
 
     def on_trial_error(self, iteration: int, trials: list[TuneTrial], trial: TuneTrial, **info: Any) -> None:
         """Keep the error."""
         self.failures.append(f"{self._name(trial)}: {_reason(trial)}")
 
-    def _params(self, trial: TuneTrial) -> dict[str, Any]:
-        return {key: _plain(value) for key, value in trial.config.items() if key != TRIAL_INDEX}
-
     def _name(self, trial: TuneTrial) -> str:
-        params = ", ".join(f"{key} {shown(value)}" for key, value in self._params(trial).items())
-        return f"{params}, seed {self.job.sweep.seeds[trial.config[TRIAL_INDEX]]}"
+        return self.make_training(trial.config).name
 
     def _say(self, line: str) -> None:
         if self.verbose:
-            print(line, flush=True)
+            say(line)
 
 
 def _reason(trial: TuneTrial) -> str:
@@ -260,3 +140,60 @@ def _reason(trial: TuneTrial) -> str:
     lines = file.read_text(encoding="utf-8").split("\n") if file.is_file() else []
     last = next((line.strip() for line in reversed(lines) if line.strip()), "the process died")
     return f"{last} (all of it: {file})"
+
+
+def fit(
+    watch: Watch,
+    param_space: Mapping[str, Any],
+    tune_config: Mapping[str, Any],
+    folder: Path,
+    resources: Resources,
+    retries: int,
+) -> list[str]:
+    """Run trials on the Ray that is connected, and return what failed.
+
+    Args:
+        watch: Knows what they do, and is told how they end.
+        param_space: Tune's search space.
+        tune_config: Arguments of Tune's `TuneConfig`.
+        folder: For what Tune writes, e.g. the errors of failed trials; emptied first.
+        resources: What a trial occupies.
+        retries: How often a trial that fails is tried again.
+    """
+    check_resources(resources)
+    shutil.rmtree(folder, ignore_errors=True)
+    trainable = tune.with_parameters(run_trial, make_training=watch.make_training)
+    tune.Tuner(
+        tune.with_resources(trainable, {"cpu": resources.cpu, "gpu": resources.gpu}),
+        param_space=dict(param_space),
+        tune_config=tune.TuneConfig(**tune_config),
+        run_config=tune.RunConfig(
+            name=folder.name,
+            storage_path=str(folder.parent),
+            failure_config=tune.FailureConfig(max_failures=retries),
+            callbacks=[watch],
+            verbose=0,
+        ),
+    ).fit()
+    return watch.failures
+
+
+def fit_listed(trainings: Sequence[Training], folder: Path, workers: int, retries: int, on_end: OnEnd) -> list[str]:
+    """Run trainings that are known beforehand, in their order, each on one core, and return what failed.
+
+    Args:
+        trainings: The trainings.
+        folder: As in `fit`.
+        workers: Trainings at a time; 0 leaves it to the cores.
+        retries: As in `fit`.
+        on_end: As in `Watch`.
+    """
+    watch = Watch(partial(_listed, trainings), on_end)
+    param_space = {INDEX: tune.grid_search(list(range(len(trainings))))}
+    tune_config = {"search_alg": BasicVariantGenerator(max_concurrent=workers)}
+    return fit(watch, param_space, tune_config, folder, Resources(), retries)
+
+
+def _listed(trainings: Sequence[Training], suggestion: Mapping[str, Any]) -> Training:
+    index: int = suggestion[INDEX]
+    return trainings[index]
