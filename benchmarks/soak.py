@@ -2,9 +2,10 @@
 
     python -m benchmarks.soak --env-steps 100000 --learner-steps 3000
 
-prints, ten times per part, the memory of the process and its workers, their open files, the number of processes and
-the time of a step; and at the end the growth since the first tenth, in which caches fill up. `--json` prints that as
-one object.
+prints, after each tenth of a part, the memory of the process and its workers, their open files, the number of processes
+and the time of a step; and at the end the growth since the first tenth, in which caches fill up. The learner is a whole
+training, with scores and checkpoints, so that its step time has its share of these, and its last tenth is not sampled.
+`--json` prints the growth as one object.
 """
 
 import argparse
@@ -12,19 +13,21 @@ import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from tempfile import TemporaryDirectory
 
 import gymnasium as gym
 import psutil
-from stable_baselines3.common.callbacks import BaseCallback
 
 import sb3_stereo  # noqa: F401  (registers the environments)
-from sb3_stereo.building import make_callbacks, make_model, make_training_env
 from sb3_stereo.cli import DEFAULT_ENV
 from sb3_stereo.config import load_config
+from sb3_stereo.plot import read_scores
 from sb3_stereo.runtime import set_threads, tune_allocator
+from sb3_stereo.training import Options, train
 
 N_SAMPLES = 10
 N_ENVS = 2
+SHORT = 5  # steps of an episode of the learner: a score is of 100 episodes, and there is one per tenth
 
 
 @dataclass(frozen=True)
@@ -62,13 +65,20 @@ class Sampler:
         self.samples: list[Sample] = []
         self.before = time.perf_counter()
 
+    @property
+    def taken(self) -> int:
+        """Steps at the last sample."""
+        return self.samples[-1].steps if self.samples else 0
+
     def __call__(self, steps: int) -> None:
         """Take a sample if it is time."""
-        taken = self.samples[-1].steps if self.samples else 0
-        if steps - taken < self.interval:
-            return
+        if steps - self.taken >= self.interval:
+            self.take(steps)
+
+    def take(self, steps: int) -> None:
+        """Take a sample."""
         now = time.perf_counter()
-        self.samples.append(sample(steps, now - self.before, steps - taken))
+        self.samples.append(sample(steps, now - self.before, steps - self.taken))
         self.before = now
         self.show("{steps:8} steps {memory:8.1f} MiB {files:4} files {processes} processes {step_time:7.1f} ms".format(
             **asdict(self.samples[-1])
@@ -89,28 +99,28 @@ def soak_environment(n_steps: int, show: Callable[[str], None]) -> list[Sample]:
     return sampler.samples
 
 
-class SampleCallback(BaseCallback):
-    """Samples a training."""
-
-    def __init__(self, sampler: Sampler) -> None:
-        super().__init__()
-        self.sampler = sampler
-
-    def _on_step(self) -> bool:
-        self.sampler(self.num_timesteps)
-        return True
-
-
 def soak_learner(n_steps: int, show: Callable[[str], None]) -> list[Sample]:
-    """Train our DDPG on environments in processes, with a replay buffer that is full after a tenth of the steps."""
-    params = {"n_envs": N_ENVS, "buffer_size": max(20, n_steps // N_SAMPLES), "learning_starts": 10, "batch_size": 20}
-    config = load_config("ddpg", DEFAULT_ENV, params=params, n_timesteps=n_steps)
-    env, sampler = make_training_env(config, seed=0, vec_env="subproc"), Sampler(n_steps, show)
-    try:
-        model = make_model(config, env, seed=0, device="cpu")
-        model.learn(n_steps, callback=[*make_callbacks(config), SampleCallback(sampler)])
-    finally:
-        env.close()
+    """Train our DDPG with environments in processes, and sample after each score.
+
+    From 200 steps on, the replay buffer is full, and a checkpoint of it saved, before the first sample: what grows then
+    is a leak of the learner, the replay, a score or a checkpoint.
+    """
+    sampler = Sampler(n_steps, show)
+    half = max(10, sampler.interval // 2)
+    params = {"n_envs": N_ENVS, "buffer_size": half, "learning_starts": 10, "batch_size": 20}
+    config = load_config("ddpg", DEFAULT_ENV, None, params, {"max_episode_steps": SHORT}, n_steps)
+    with TemporaryDirectory() as logs:
+        options = Options(
+            seed=0,
+            log_folder=logs,
+            eval_freq=sampler.interval,
+            n_eval_envs=N_ENVS,
+            save_freq=half,
+            device="cpu",
+            vec_env="subproc",
+            verbose=0,
+        )
+        train(config, options, on_score=lambda run: sampler.take(max(read_scores(run))))
     return sampler.samples
 
 
@@ -144,6 +154,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--learner-steps", type=int, default=3000, help="of the vectorised learner (default: 3000)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     args = parser.parse_args(argv)
+    for name in ("env_steps", "learner_steps"):
+        if 0 < getattr(args, name) < 2 * N_SAMPLES:
+            flag = f"--{name.replace('_', '-')}"
+            parser.error(f"{flag} must be 0 or at least {2 * N_SAMPLES}, got {getattr(args, name)}")
     tune_allocator()
     set_threads(1)
     results = dict(parts(args, (lambda line: None) if args.json else print))

@@ -4,14 +4,14 @@ import argparse
 import sys
 from typing import Any
 
-from sb3_stereo.cli import DEFAULT_ENV, Parser, run_command
+from sb3_stereo.cli import DEFAULT_ENV, Parser, command_line, run_command
 from sb3_stereo.errors import ConfigError, refusals_are_errors
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog="check",
+        prog=command_line("check"),
         description="Measure how far efforts move joints, which poses are free and seen, and how rare goals are.",
     )
     parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")

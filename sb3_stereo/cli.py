@@ -1,6 +1,7 @@
 """What the commands have in common: flags with the zoo's names, and errors in one sentence."""
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
@@ -9,6 +10,11 @@ from sb3_stereo.errors import ConfigError, one_line
 
 DEFAULT_ENV = "WamStereoReach-v0"
 INTERRUPTED = 130  # 128 + SIGINT, the shell's convention
+
+
+def command_line(command: str, *arguments: str) -> str:
+    """Return what to type for a command of ours, with or without a checkout."""
+    return shlex.join(["python", "-m", f"sb3_stereo.{command}", *arguments])
 
 
 class Parser(argparse.ArgumentParser):

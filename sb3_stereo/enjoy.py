@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_stereo import runtime
-from sb3_stereo.cli import Parser, add_model_flags, add_process_flags, add_run_flags, check_device, run_command
+from sb3_stereo.cli import (
+    Parser,
+    add_model_flags,
+    add_process_flags,
+    add_run_flags,
+    check_device,
+    command_line,
+    run_command,
+)
 from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -22,7 +30,7 @@ DEFAULT_TIMESTEPS, DEFAULT_FILM_EPISODES = 1000, 5
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; the flags are the zoo's."""
-    parser = Parser(prog="enjoy.py", description="Play a trained agent and count its successes.")
+    parser = Parser(prog=command_line("enjoy"), description="Play a trained agent and count its successes.")
     add_run_flags(parser)
     add_model_flags(parser)
     parser.add_argument("-n", "--n-timesteps", type=int, help=f"environment steps (default: {DEFAULT_TIMESTEPS})")

@@ -7,13 +7,15 @@ import sys
 from typing import Any
 
 from sb3_stereo import runtime
-from sb3_stereo.cli import Parser, add_model_flags, add_process_flags, check_device, run_command
+from sb3_stereo.cli import Parser, add_model_flags, add_process_flags, check_device, command_line, run_command
 from sb3_stereo.errors import ConfigError
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = Parser(prog="evaluate", description="Score a trained agent, by default on the 100 fixed test poses.")
+    parser = Parser(
+        prog=command_line("evaluate"), description="Score a trained agent, by default on the 100 fixed test poses."
+    )
     parser.add_argument("run", metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v0_1")
     add_model_flags(parser)
     parser.add_argument("--poses", type=int, default=0, metavar="N", help="take N random poses instead")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo import runtime
-from sb3_stereo.cli import Parser, add_model_flags, add_process_flags, check_device, run_command
+from sb3_stereo.cli import Parser, add_model_flags, add_process_flags, check_device, command_line, run_command
 from sb3_stereo.detection import find_markers, observe, white_balanced
 from sb3_stereo.drawing import Effort, Story, View, scene
 from sb3_stereo.errors import ConfigError
@@ -117,7 +117,9 @@ def drawn(answer: Answer, rho: float) -> Image:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = Parser(prog="play_images", description="Find the markers in images and print the agent's efforts.")
+    parser = Parser(
+        prog=command_line("play_images"), description="Find the markers in images and print the agent's efforts."
+    )
     parser.add_argument(
         "sources", metavar="LEFT RIGHT", nargs="+", help="per view an image, a folder of images or a camera's index"
     )

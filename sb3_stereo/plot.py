@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo import tables
-from sb3_stereo.cli import Parser, run_command
+from sb3_stereo.cli import Parser, command_line, run_command
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs import EVALUATIONS, load_record
 
@@ -124,7 +124,9 @@ def _draw_curve(panel: Any, group: Curves, column: str) -> None:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = Parser(prog="plot", description="Draw learning curves; runs that differ only in their seed share one.")
+    parser = Parser(
+        prog=command_line("plot"), description="Draw learning curves; runs that differ only in their seed share one."
+    )
     parser.add_argument("runs", metavar="RUN", nargs="+", help="run directories, e.g. logs/ddpg/*")
     parser.add_argument("-o", "--output", default="curves.png", metavar="FILE", help="picture (default: curves.png)")
     return parser

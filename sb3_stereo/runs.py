@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from sb3_stereo import __version__
+from sb3_stereo.cli import command_line
 from sb3_stereo.config import Config, check_env_id, parse_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.files import replacing
@@ -105,9 +106,8 @@ def find_run(log_folder: str | Path, algo: str, env_id: str, exp_id: int = 0) ->
     ids = run_ids(Path(log_folder), algo, env_id)
     parent = Path(log_folder) / algo
     if not ids:
-        raise ConfigError(
-            f"no run of {env_id} in '{parent}'; train one with: python train.py --algo {algo} --env {env_id}"
-        )
+        how_to_train = command_line("train", "--algo", algo, "--env", env_id, "-f", str(log_folder))
+        raise ConfigError(f"no run of {env_id} in '{parent}'; train one with: {how_to_train}")
     if exp_id and exp_id not in ids:
         raise ConfigError(f"no run {exp_id} of {env_id} in '{parent}'; runs are {', '.join(map(str, ids))}")
     return parent / f"{env_name(env_id)}_{exp_id or ids[-1]}"
@@ -125,7 +125,7 @@ def load_record(run: str | Path) -> tuple[Config, dict[str, Any]]:
         config = yaml.safe_load((file.parent / "config.yml").read_text(encoding="utf-8"))
         algo, env_id = args["algo"], args["env"]
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise ConfigError(f"'{file.parent}' is not of a run that train.py made ({type(error).__name__})") from error
+        raise ConfigError(f"'{file.parent}' is not the record of a training ({type(error).__name__})") from error
     import_packages(args.get("gym_packages") or ())
     check_env_id(env_id)
     return parse_config(algo, env_id, config), args
@@ -166,7 +166,16 @@ def has_ended(run: str | Path, config: Config) -> bool:
 
 def how_to_resume(run: Path) -> str:
     """Return the way out of an interruption, as a clause."""
-    return f"go on with: python train.py --resume {os.path.relpath(run)}"
+    return f"go on with: {command_line('train', '--resume', os.path.relpath(run))}"
+
+
+def how_to_watch(run: Path) -> str:
+    """Return the command that plays a run's best model."""
+    config, args = load_record(run)
+    flags = ["--algo", config.algo, "--env", config.env_id, "-f", os.path.relpath(run.parent.parent)]
+    if args.get("gym_packages"):
+        flags += ["--gym-packages", *args["gym_packages"]]
+    return command_line("enjoy", *flags, "--exp-id", run.name.rpartition("_")[2], "--load-best")
 
 
 def import_packages(names: Any) -> None:

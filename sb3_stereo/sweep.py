@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sb3_stereo.cli import Parser, add_process_flags, run_command
+from sb3_stereo.cli import Parser, add_process_flags, command_line, run_command
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.tuning.cluster import add_cluster_flags, check_cluster_flags, connected
 
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    parser = Parser(prog="sweep", description="Train the settings that a YAML file describes, on Ray Tune.")
+    parser = Parser(
+        prog=command_line("sweep"), description="Train the settings that a YAML file describes, on Ray Tune."
+    )
     parser.add_argument("file", metavar="FILE", help="the sweep, e.g. hyperparams/sweeps/ddpg_gamma.yml")
     parser.add_argument("-f", "--log-folder", "--folder", default="logs", help="log folder (default: logs)")
     add_cluster_flags(parser)

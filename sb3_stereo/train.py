@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sb3_stereo import runtime
-from sb3_stereo.cli import INTERRUPTED, Parser, add_process_flags, add_run_flags, check_device, run_command
+from sb3_stereo.cli import (
+    INTERRUPTED,
+    Parser,
+    add_process_flags,
+    add_run_flags,
+    check_device,
+    command_line,
+    run_command,
+)
 
 if TYPE_CHECKING:
     from sb3_stereo.config import Config
@@ -18,7 +26,7 @@ if TYPE_CHECKING:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; the flags are the zoo's."""
-    parser = Parser(prog="train.py", description="Train an agent and score it on the test poses.")
+    parser = Parser(prog=command_line("train"), description="Train an agent and score it on the test poses.")
     add_run_flags(parser)
     parser.add_argument("-n", "--n-timesteps", type=int, default=-1, help="environment steps (default: the YAML's)")
     parser.add_argument("-i", "--trained-agent", metavar="ZIP", help="begin with the networks of this model")
@@ -111,11 +119,11 @@ def report(result: "Result", seconds: float, verbose: int) -> int:
     """Say how a training went and return the exit status."""
     from sb3_stereo import tables
     from sb3_stereo.plot import read_scores
-    from sb3_stereo.runs import BEST_MODEL
+    from sb3_stereo.runs import BEST_MODEL, how_to_watch
 
     if verbose and result.evaluation is not None:
         print(f"\nScores:\n{tables.score_table(read_scores(result.run))}")
-        print(f"The best one is {BEST_MODEL}: watch it with enjoy.py --load-best\n")
+        print(f"The best one is {BEST_MODEL}: watch it with {how_to_watch(result.run)}\n")
     print(last_line(result, seconds))
     return INTERRUPTED if result.interrupted else 0
 

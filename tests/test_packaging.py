@@ -14,6 +14,8 @@ import pytest
 import yaml
 
 import sb3_stereo
+from sb3_stereo.__main__ import COMMANDS
+from sb3_stereo.cli import command_line
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"sb3_stereo": "sb3_stereo", "sb3_stereo.envs": "envs", "sb3_stereo.hyperparams": "hyperparams"}
@@ -124,3 +126,7 @@ print(sb3_stereo.__file__, observation.shape, test_poses("WamStereoReach-v0").sh
     command = [tmp_path / "venv" / "bin" / "sb3-stereo", "--version"]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout == f"sb3_stereo {sb3_stereo.__version__}\n"
+    for name in COMMANDS:  # what our messages name
+        command = [python, "-I", "-m", f"sb3_stereo.{name}", "--help"]
+        run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert run.stdout.startswith(f"usage: {command_line(name)} ")

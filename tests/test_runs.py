@@ -62,7 +62,8 @@ def test_what_is_missing_is_named(logs: Path) -> None:
     with pytest.raises(ConfigError) as error:
         runs.find_run(logs, "ddpg", ENV_ID)
     assert str(error.value) == (
-        f"no run of FakeReach-v0 in '{logs / 'ddpg'}'; train one with: python train.py --algo ddpg --env FakeReach-v0"
+        f"no run of FakeReach-v0 in '{logs / 'ddpg'}'; "
+        f"train one with: python -m sb3_stereo.train --algo ddpg --env FakeReach-v0 -f {logs}"
     )
     run = runs.create_run(logs, "ddpg", ENV_ID)
     with pytest.raises(ConfigError) as error:

@@ -47,8 +47,17 @@ def test_the_command_reports_growth(capsys: pytest.CaptureFixture[str]) -> None:
     assert result["steps"] == 20 and result["more_processes"] == 0
 
 
+def test_a_part_is_left_out_or_long_enough_to_be_sampled(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as status:
+        main(["--learner-steps", "5"])
+    assert status.value.code == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "python -m benchmarks.soak: error: --learner-steps must be 0 or at least 20, got 5"
+    )
+
+
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(1800)  # a busy machine
 def test_the_learner_neither_keeps_files_nor_processes(capsys: pytest.CaptureFixture[str]) -> None:
     main(["--env-steps", "0", "--learner-steps", "100", "--json"])
     result = json.loads(capsys.readouterr().out)["learner"]

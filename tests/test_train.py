@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -90,6 +91,19 @@ def test_train_then_evaluate_then_enjoy(algo: str, logs: Path, capsys: pytest.Ca
 
     assert enjoy.main(["--algo", algo, *ENV, *QUICK, "-f", str(logs), "-n", "20", "--no-render"]) == 0
     assert " episodes, " in capsys.readouterr().out
+
+
+def test_the_command_that_is_named_after_a_training_plays_its_best_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_train(tmp_path / "my logs", "-n", "12", "--eval-freq", "6") == 0
+    run_train(tmp_path / "my logs", "-n", "12", "--eval-freq", "-1", "--verbose", "0")  # a later run
+    (named,) = (line for line in capsys.readouterr().out.splitlines() if "watch it with" in line)
+    python, m, module, *arguments = shlex.split(named.partition(" watch it with ")[2])
+    assert (python, m, module) == ("python", "-m", "sb3_stereo.enjoy")
+    assert enjoy.main([*arguments, "-n", "5", "--no-render"]) == 0
+    run = Path(os.path.relpath(tmp_path)) / "my logs" / "ddpg" / "FakeReach-v0_1"
+    assert capsys.readouterr().out.startswith(f"Loading {run / 'best_model.zip'}\n")
 
 
 def test_same_seed_learns_the_same(logs: Path) -> None:
@@ -216,7 +230,7 @@ def test_playing_without_a_run_or_a_display_says_what_to_do(
     assert enjoy.main([*ENV, "-f", str(logs), "--no-render"]) == 2
     assert capsys.readouterr().err == (
         f"error: no run of FakeReach-v0 in '{logs / 'ddpg'}'; "
-        "train one with: python train.py --algo ddpg --env FakeReach-v0\n"
+        f"train one with: python -m sb3_stereo.train --algo ddpg --env FakeReach-v0 -f {logs}\n"
     )
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
