@@ -1,4 +1,4 @@
-"""What a sweep found: the table, the best setting as a YAML for train.py, and a picture."""
+"""What a sweep found: the table, the best setting as a YAML to train with, and a picture."""
 
 import csv
 import os
@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from sb3_stereo.cli import command_line
 from sb3_stereo.config import overridden
 from sb3_stereo.tuning.config import Parameter, Sweep
 from sb3_stereo.tuning.records import Setting, Trial, read_trials, settings
@@ -82,13 +83,13 @@ def write_trials(sweep: Sweep, trials: Sequence[Trial], file: Path) -> None:
 
 
 def write_best(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
-    """Write the hyper-parameters of the best setting as a file for train.py's `-conf`."""
+    """Write the hyper-parameters of the best setting as a file for the training's `-conf`."""
     best, metric = found[0], sweep.metric
     config = overridden(sweep.base, best.params)
     seeds = f"the mean over {len(sweep.seeds)} seeds" if len(sweep.seeds) > 1 else f"seed {sweep.seeds[0]}"
     comment = (
         f"# The best of {len(found)} settings: {metric.name} {best.score:.4g}, {seeds}.\n"
-        f"# python train.py --algo {config.algo} --env {config.env_id} -conf {os.path.relpath(file)}\n"
+        f"# {command_line('train', '--algo', config.algo, '--env', config.env_id, '-conf', os.path.relpath(file))}\n"
     )
     text = yaml.safe_dump({config.env_id: config.plain()}, sort_keys=False)
     file.write_text(comment + text, encoding="utf-8")
