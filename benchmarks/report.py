@@ -66,32 +66,43 @@ def optimum() -> list[str]:
     ]
 
 
-# The paper's claim, for its own settings and for ours: (DDPG's row, DQN's row).
+# The paper's claim, for its own settings, with another discount, and for ours: (DDPG's row, DQN's row).
 PAIRS = (
     ("paper_ddpg_channel_gamma_0.99", "paper_dqn_gamma_0.2"),
     ("paper_ddpg_pixel_gamma_0.99", "paper_dqn_gamma_0.2"),
+    ("paper_ddpg_channel_gamma_0.5", "paper_dqn_gamma_0.2"),
     ("ours_ddpg", "ours_dqn"),
 )
+# By column of the records: how the table calls it, its unit, and whether more is better.
+SCORES = {
+    "success_rate": ("success, points", 100, True),
+    "mean_steps_capped": ("steps, failures as 30", 1, False),
+}
 
 
 def comparison(rows: Sequence[Row]) -> list[str]:
     """DDPG against DQN at the end of their trainings, for the pairs that have two seeds each."""
     by_name = {row.name: row for row in rows}
-    lines = []
-    for names in PAIRS:
-        pair = [by_name[name] for name in names if name in by_name]
-        last = [100 * matrix(row, "success_rate")[:, -1] for row in pair if len(matrix(row, "success_rate")) > 1]
-        if len(last) == 2:
-            low, high = difference(*last)
-            verdict = "confirmed" if low > 0 else "refuted" if high < 0 else "undecided"
-            labels = [row.label.strip("*") for row in pair]
-            sizes = " and ".join(str(len(values)) for values in last)
-            mean = f"{np.mean(last[0]) - np.mean(last[1]):.1f} ({low:.0f} to {high:.0f})"
-            lines.append(line_of([*labels, sizes, mean, verdict]))
-    if not lines:
+    pairs = [(by_name[ddpg], by_name[dqn]) for ddpg, dqn in PAIRS if by_name.keys() >= {ddpg, dqn}]
+    measured = [pair for pair in pairs if all(len(matrix(row, "success_rate")) > 1 for row in pair)]
+    if not measured:
         return []
-    head = [line_of(["DDPG", "DQN", "seeds", "success, difference in points", "DDPG is better"]), line_of(["---"] * 5)]
-    return ["## Is DDPG better than DQN?\n\nAt the end of their trainings.\n\n" + "\n".join([*head, *lines]) + "\n"]
+    head = ["DDPG", "DQN", "seeds", "score", "DDPG minus DQN", "DDPG is better"]
+    lines = [head, ["---"] * len(head), *(_verdict(*pair, column) for pair in measured for column in SCORES)]
+    text = "\n".join(map(line_of, lines))
+    return [f"## Is DDPG better than DQN?\n\nAt the end of their trainings.\n\n{text}\n"]
+
+
+def _verdict(ddpg: Row, dqn: Row, column: str) -> list[str]:
+    """A pair's line for one score: the difference of the means with its interval, and what follows."""
+    score, unit, more_is_better = SCORES[column]
+    ours, other = (unit * matrix(row, column)[:, -1] for row in (ddpg, dqn))
+    low, high = difference(ours, other)
+    above, below = ("confirmed", "refuted") if more_is_better else ("refuted", "confirmed")
+    verdict = above if low > 0 else below if high < 0 else "undecided"
+    labels = [row.label.strip("*") for row in (ddpg, dqn)]
+    mean = f"{ours.mean() - other.mean():.1f} ({low:.1f} to {high:.1f})"
+    return [*labels, f"{len(ours)} and {len(other)}", score, mean, verdict]
 
 
 def difference(first: Floats, second: Floats) -> tuple[float, float]:

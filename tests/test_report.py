@@ -110,14 +110,19 @@ def test_interval_of_equal_seeds_is_their_value_and_of_others_lies_around_the_me
 
 def test_the_claim_is_judged_by_its_interval(records: Path) -> None:
     rows = [Row(name, name.split("_")[1], name, (), (10, 20)) for name in ("ours_ddpg", "ours_dqn")]
-    lines = read(ROW.record)
+    lines = [{**line, "mean_steps_capped": "3.0"} for line in read(ROW.record)]
     write(rows[0].record, lines)
-    write(rows[1].record, [{**line, "success_rate": str(0.1 * int(line["seed"]))} for line in lines])
-    assert (
-        "| ours_ddpg | ours_dqn | 2 and 2 | 95.0 (90 to 100) | confirmed |" in write_report(rows, records).read_text()
-    )
+    worse = {"success_rate": "0.0", "mean_steps_capped": "30.0"}
+    write(rows[1].record, [{**line, **worse, "success_rate": str(0.1 * int(line["seed"]))} for line in lines])
+    text = write_report(rows, records).read_text()
+    assert "| ours_ddpg | ours_dqn | 2 and 2 | success, points | 95.0 (90.0 to 100.0) | confirmed |" in text
+    assert "| 2 and 2 | steps, failures as 30 | -27.0 (-27.0 to -27.0) | confirmed |" in text
+    write(rows[0].record, [{**line, **worse} for line in lines])
     write(rows[1].record, lines)
-    assert "0.0 (0 to 0) | undecided |" in write_report(rows, records).read_text()
+    text = write_report(rows, records).read_text()
+    assert text.count("| refuted |") == 2 and "| 27.0 (27.0 to 27.0) | refuted |" in text
+    write(rows[0].record, lines)
+    assert write_report(rows, records).read_text().count("| 0.0 (0.0 to 0.0) | undecided |") == 2
     assert "Is DDPG better" not in write_report(rows[:1], records).read_text()
 
 
