@@ -29,8 +29,8 @@ Written by `python -m benchmarks.paper_tables --report` from the records in `ben
 Every agent is scored on the same 100 test poses, deterministically. Success is the mean over seeds, with the 95 %
 bootstrap interval of the mean; steps are averaged over the poses that were reached (failures are not counted), then
 over seeds. |a| is the mean absolute action on the way: near 1 the actor is saturated. "Published" are the paper's
-numbers. The paper leaves open whether its batch normalisation at the input is per channel or per pixel; both are here,
-and neither is claimed to be the paper's.
+numbers. The paper leaves open whether its batch normalisation at the input is per channel or per pixel, and whether DQN
+too is trained with Adam or with RMSprop as in Mnih et al. 2015; neither reading is claimed to be the paper's.
 """
 
 
