@@ -176,7 +176,7 @@ def _mean(values: Floats) -> str:
 def draw(rows: Iterable[Row], file: Path, title: str) -> None:
     """Success over steps: interquartile mean over seeds and its interval."""
     plt.rcParams["svg.hashsalt"] = "sb3_stereo"  # the same bytes from the same records
-    figure, axes = plt.subplots(figsize=(7.5, 4.5), layout="constrained")
+    figure, axes = plt.subplots(figsize=(7.5, 5.6), layout="constrained")
     for row in rows:
         success = 100 * matrix(row, "success_rate")
         middle = interquartile_mean(success, axis=0)
@@ -185,7 +185,7 @@ def draw(rows: Iterable[Row], file: Path, title: str) -> None:
         axes.fill_between(row.checkpoints, low, high, alpha=0.2, color=curve.get_color())
     axes.set(title=title, xlabel="environment steps", ylabel="test poses reached [%]", ylim=(-3, 103))
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small")
+    figure.legend(loc="outside lower center", fontsize="small")  # inside it would hide curves
     figure.savefig(file, metadata={"Date": None})
     plt.close(figure)
 
