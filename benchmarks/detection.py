@@ -92,9 +92,10 @@ class DisturbedViews(gym.ObservationWrapper[Any, Any, Any]):
         super().__init__(env)
         self.disturb, self.rng = disturb, np.random.default_rng(0)
 
-    def observation(self, observation: Any) -> Image:
+    def observation(self, observation: Any) -> Any:
         """What the policy sees of the disturbed frames."""
-        return observe([white_balanced(self.disturb(frame, self.rng)) for frame in rendered(self)])
+        unwrapped: Any = self.unwrapped
+        return observe([white_balanced(self.disturb(frame, self.rng)) for frame in rendered(self)], unwrapped.composite)
 
 
 def rendered(env: gym.Env[Any, Any]) -> list[Image]:

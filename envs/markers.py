@@ -35,12 +35,30 @@ def find_blobs(frame: Frame) -> Blobs:
     Args:
         frame: RGB or RGBA image, shape (height, width, 3 or 4), uint8.
     """
+    top, left, masks = _masks(frame)
+    return Blobs(*(_centroid(mask, left, top) for mask in masks))
+
+
+def marker_masks(frame: Frame) -> tuple[Frame, Frame]:
+    """Where a frame is red (end effector) and where blue (target): 255 there, else 0, (height, width) each, uint8.
+
+    Args:
+        frame: RGB or RGBA image, shape (height, width, 3 or 4), uint8.
+    """
+    top, left, masks = _masks(frame)
+    whole = np.zeros((2, *frame.shape[:2]), np.uint8)
+    height, width = masks[0].shape
+    whole[:, top : top + height, left : left + width] = masks
+    return whole[0], whole[1]
+
+
+def _masks(frame: Frame) -> tuple[int, int, tuple[Frame, Frame]]:
+    """Top and left of a part of the frame that holds both markers, and where it is red and where blue."""
     rgba = frame if frame.shape[2] == 4 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2RGBA), np.uint8)
     top, left, part = _where_green_may_be_dim(rgba)
-    return Blobs(
-        end_effector=_centroid(cv2.inRange(part, (BRIGHT, 0, 0, 0), (255, DIM, DIM, 255)), left, top),
-        target=_centroid(cv2.inRange(part, (0, 0, BRIGHT, 0), (DIM, DIM, 255, 255)), left, top),
-    )
+    red = cv2.inRange(part, (BRIGHT, 0, 0, 0), (255, DIM, DIM, 255))
+    blue = cv2.inRange(part, (0, 0, BRIGHT, 0), (DIM, DIM, 255, 255))
+    return top, left, (np.asarray(red, np.uint8), np.asarray(blue, np.uint8))
 
 
 def _where_green_may_be_dim(frame: Frame) -> tuple[int, int, Frame]:

@@ -61,7 +61,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or "left" and "right"
             for those of the pair, any number of them; or the path of a YAML file with such a list. Goal and reward
             are judged by the same views.
-        composite: How the views make an observation: "stack", "channels" or "dict", see `composite.Composite`.
+        composite: How the views make an observation: "stack", "channels", "dict" or "markers", see `composite.Composite`.
         target_position: Of the target, in [m], world.
         random_target: Draw the target anew at every reset that does not set it: where the end effector is at a
             random free pose, if that pose is a goal (all cameras see both markers there).
@@ -117,8 +117,8 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.random_target = random_target
         n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
-        self._composite = Composite(composite, [view.name for view in views])
-        self.observation_space = self._composite.space
+        self.composite = Composite(composite, [view.name for view in views])
+        self.observation_space = self.composite.space
 
         in_window = render_mode == "human"
         self._client = empty_world(in_window, physics_rate, weightless=gravity_compensation)
@@ -164,6 +164,11 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             return None
         return tuple(arm.joints.index(joint) for joint in arm.mirrored_joints)
 
+    @property
+    def views_in_channels(self) -> bool:
+        """Whether an observation has each view in a channel of its own, and not stacked in one image."""
+        return self.composite.views_in_channels
+
     # ------------------------------------------------------------------------------------------------ Gymnasium
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -189,12 +194,12 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._place_arm_as_told(vector("joint_positions", told["joint_positions"], len(self.arm.limits)))
         else:
             self._place_arm_at_random()
-        return self._composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
+        return self.composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
 
     def look(self) -> Observation:
         """What the cameras see of the arm as it stands, as an observation."""
         self._look()
-        return self._composite(self._frames)
+        return self.composite(self._frames)
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
@@ -214,7 +219,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         current = self._distances
         goal = rewards.is_goal(current, self.rho)
         changes = rewards.distance_change(previous, current, self.distance_scale)
-        return self._composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+        return self.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""

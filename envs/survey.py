@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.composite import WIDTH, as_stack
+from sb3_stereo.envs.composite import WIDTH, composite
 from sb3_stereo.envs.reach import StereoReachEnv
 
 Floats = NDArray[np.float64]
@@ -146,7 +146,7 @@ def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: li
 
     def views(pose: Floats) -> Floats:
         env.arm.rest_at(pose)
-        return as_stack(env.look()).reshape(len(env.cameras), -1, WIDTH).astype(float)
+        return composite(env.draw()).reshape(len(env.cameras), -1, WIDTH).astype(float)
 
     images = np.array([views(pose) for pose in poses])  # (n_poses, n_views, height, width)
     mirrored = np.array([views(pose * signs) for pose in poses])[:, ::-1, :, ::-1]

@@ -40,8 +40,9 @@ class StereoReplayBuffer(ReplayBuffer):
 
     Args:
         args: As in SB3's `ReplayBuffer`.
-        n_views: Views in an image, stacked in it (1, n_views * height, width) or one in each channel (n_views, height,
-            width); the mirror reverses their order.
+        n_views: Views in an image; the mirror reverses their order.
+        views_in_channels: Each view is a channel (n_views, height, width), and not a part of the rows (channels,
+            n_views * height, width). None: if there are as many channels as views.
         mirrored_joints: Components of the action that change sign: for most arms the joints that turn about an axis in
             that plane. None if the task has no mirror image.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
@@ -55,6 +56,7 @@ class StereoReplayBuffer(ReplayBuffer):
         self,
         *args: Any,
         n_views: int = 2,
+        views_in_channels: bool | None = None,
         mirrored_joints: Sequence[int] | None = None,
         n_joints: int | None = None,
         mirror_probability: float | None = None,
@@ -62,7 +64,7 @@ class StereoReplayBuffer(ReplayBuffer):
         **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
-        self._set_up(n_views, mirrored_joints, n_joints, mirror_probability, goal_share)
+        self._set_up(n_views, views_in_channels, mirrored_joints, n_joints, mirror_probability, goal_share)
 
     @classmethod
     def of(cls, model: BaseAlgorithm, **settings: Any) -> StereoReplayBuffer:
@@ -90,6 +92,7 @@ class StereoReplayBuffer(ReplayBuffer):
     def _set_up(
         self,
         n_views: int = 2,
+        views_in_channels: bool | None = None,
         mirrored_joints: Sequence[int] | None = None,
         n_joints: int | None = None,
         mirror_probability: float | None = None,
@@ -106,6 +109,7 @@ class StereoReplayBuffer(ReplayBuffer):
                 "set mirrored_joints, or mirror_probability to 0"
             )
         self.n_views, self.mirror_probability, self.goal_share = n_views, mirror_probability, goal_share
+        self.views_in_channels = self.obs_shape[0] == n_views if views_in_channels is None else views_in_channels
         self.n_joints = self.action_dim
         if isinstance(self.action_space, Discrete):
             if n_joints is None:
@@ -208,10 +212,11 @@ class StereoReplayBuffer(ReplayBuffer):
         """Flip every view left to right and reverse their order.
 
         Args:
-            images: Shape (batch, 1, n_views * height, width) or (batch, n_views, height, width).
+            images: Shape (batch, channels, n_views * height, width), or (batch, n_views, height, width) if each view
+                is a channel.
         """
         n_images, channels, height, width = images.shape
-        if channels == self.n_views:
+        if self.views_in_channels:
             return images.flip(1, 3)
         views = images.reshape(n_images, channels, self.n_views, height // self.n_views, width)
         return views.flip(2, 4).flatten(2, 3)
@@ -272,6 +277,7 @@ class StereoReplay(BaseCallback):
         model.replay_buffer = StereoReplayBuffer.of(
             model,
             n_views=self.n_views,
+            views_in_channels=asked(env, "views_in_channels"),
             mirrored_joints=asked(env, "mirrored_joints") if self.mirrored_joints is None else self.mirrored_joints,
             n_joints=asked(env, "n_joints") if self.n_joints is None else self.n_joints,
             mirror_probability=self.mirror_probability,

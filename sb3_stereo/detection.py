@@ -4,12 +4,13 @@ The simulated environment keeps its own exact thresholds (`envs/markers.py`): it
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.composite import composite
+from sb3_stereo.envs.composite import Composite
 from sb3_stereo.envs.markers import MIN_PIXELS, Blobs
 
 Image = NDArray[np.uint8]  # RGB, (height, width, 3)
@@ -33,29 +34,35 @@ def find_markers(image: Image) -> Blobs:
     Returns:
         Centroids in the pixels of the image, nan where a marker is hidden.
     """
+    return Blobs(*map(_centroid, marker_masks(image)))
+
+
+def marker_masks(image: Image) -> tuple[Image, Image]:
+    """Where the red and where the blue marker is in an RGB image: 255 there, else 0, (height, width) each, uint8."""
     smooth = cv2.medianBlur(white_balanced(image), 3)
     hue, saturation, value = (channel.astype(int) for channel in cv2.split(cv2.cvtColor(smooth, cv2.COLOR_RGB2HSV)))
     colour = saturation * value // 255
     vivid = (saturation >= MIN_SATURATION) & (colour >= MIN_COLOUR)
 
-    def blob(wanted: int) -> NDArray[np.float64]:
+    def blob(wanted: int) -> Image:
         distance = np.abs((hue - wanted + 90) % 180 - 90)  # hue is an angle
         mask = vivid & (distance <= HUE_TOLERANCE)
         strongest = np.sort(colour[mask])[-2 * MIN_PIXELS :]  # several pixels, lest a single wrong one decide
-        return _largest(mask & (colour >= SHARE * strongest[0])) if mask.any() else np.full(2, np.nan)
+        return _largest(mask & (colour >= SHARE * strongest[0]) if mask.any() else mask)
 
-    return Blobs(end_effector=blob(RED_HUE), target=blob(BLUE_HUE))
+    return blob(RED_HUE), blob(BLUE_HUE)
 
 
-def observe(frames: Sequence[Image]) -> Image:
-    """Make the environment's composite of frames with noise, (1, 42 * n_views, 84).
+def observe(frames: Sequence[Image], composite: Composite) -> Any:
+    """Make the environment's observation of frames with noise.
 
     A policy has learnt from images without noise; without the median filter a little of it leads the policy astray.
 
     Args:
         frames: RGB, of the size that the environment's cameras have.
+        composite: The environment's.
     """
-    return composite([np.asarray(cv2.medianBlur(frame, DENOISING), np.uint8) for frame in frames])
+    return composite([np.asarray(cv2.medianBlur(frame, DENOISING), np.uint8) for frame in frames], marker_masks)
 
 
 def white_balanced(image: Image) -> Image:
@@ -70,12 +77,15 @@ def white_balanced(image: Image) -> Image:
     return np.asarray(np.clip(np.rint(image * gains), 0, 255), np.uint8)
 
 
-def _largest(mask: Mask) -> NDArray[np.float64]:
-    """Centroid of the largest connected blob, shape (2,), nan if it is too small."""
-    count, _, stats, centroids = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
-    if count < 2:
-        return np.full(2, np.nan)
-    biggest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    if stats[biggest, cv2.CC_STAT_AREA] < MIN_PIXELS:
-        return np.full(2, np.nan)
-    return np.asarray(centroids[biggest], np.float64)
+def _largest(mask: Mask) -> Image:
+    """The largest connected blob alone, 255 there, else 0; nothing if it is too small."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    biggest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])) if count > 1 else 0
+    enough = biggest > 0 and stats[biggest, cv2.CC_STAT_AREA] >= MIN_PIXELS
+    return np.where(enough & (labels == biggest), 255, 0).astype(np.uint8)
+
+
+def _centroid(mask: Image) -> NDArray[np.float64]:
+    """Mean pixel (x, y), shape (2,), nan if there is none."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()]) if len(rows) else np.full(2, np.nan)

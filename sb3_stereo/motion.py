@@ -137,7 +137,12 @@ class LearnFromMotion(BaseCallback):
             )
         if not isinstance(model.replay_buffer, StereoReplayBuffer):
             n_joints = asked(self.training_env, "n_joints")
-            model.replay_buffer = StereoReplayBuffer.of(model, n_views=len(infos[0][OFFSETS]), n_joints=n_joints)
+            model.replay_buffer = StereoReplayBuffer.of(
+                model,
+                n_views=len(infos[0][OFFSETS]),
+                views_in_channels=asked(self.training_env, "views_in_channels"),
+                n_joints=n_joints,
+            )
         if not isinstance(model, DQN):
             heads = model.policy.motion
             check_views(self.training_env, heads.n_views, "the policy has n_views", "policy_kwargs.n_views")

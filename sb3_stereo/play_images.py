@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
     names: tuple[str, ...]
     views: list[View]
-    observation: Image
+    observation: Any
     efforts: list[Effort]
 
     @property
@@ -50,6 +50,7 @@ class Player:
         self.model, self.env = model, env
         task: Any = env.unwrapped
         self.rho, self.limits, self.joints = task.rho, task.effort_limits, task.arm.spec.joints
+        self.composite = task.composite
         self.cameras = [camera.spec for camera in task.cameras]
 
     def answer(self, images: Sequence[tuple[str, Image]]) -> Answer:
@@ -58,7 +59,7 @@ class Player:
         for camera, (_, image) in zip(self.cameras, images, strict=True):
             frame = white_balanced(fit(image, camera.width, camera.height))
             views.append(View(camera.name, frame, find_markers(frame)))
-        observation = observe([view.frame for view in views])
+        observation = observe([view.frame for view in views], self.composite)
         action, _ = self.model.predict(observation, deterministic=True)
         efforts = [Effort(*known) for known in zip(self.joints, *self.efforts(action), strict=True)]
         return Answer(tuple(name for name, _ in images), views, observation, efforts)

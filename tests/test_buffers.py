@@ -68,10 +68,12 @@ def test_numbers_are_mirrored_like_the_efforts_they_stand_for() -> None:
         np.testing.assert_array_equal(env.action(np.int64(mirrored[number])), efforts * SIGNS)
 
 
-def test_the_environment_is_its_own_mirror_image() -> None:
-    env = StereoReachEnv()
+@pytest.mark.parametrize("composite", ["stack", "channels", "markers"])
+def test_the_environment_is_its_own_mirror_image(composite: str) -> None:
+    env = StereoReachEnv(composite=composite)
     space, actions = env.observation_space, env.action_space
-    buffer = StereoReplayBuffer(1, space, actions, device="cpu", mirrored_joints=env.mirrored_joints)
+    told = {"mirrored_joints": env.mirrored_joints, "views_in_channels": env.views_in_channels}
+    buffer = StereoReplayBuffer(1, space, actions, device="cpu", **told)  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     for seed in range(8):
         image, _ = env.reset(seed=seed)

@@ -14,11 +14,14 @@ from benchmarks.detection import DISTURBANCES, pose_frames
 from sb3_stereo import play_images
 from sb3_stereo import train as train_cli
 from sb3_stereo.detection import find_markers, observe, white_balanced
-from sb3_stereo.envs.composite import composite
+from sb3_stereo.envs.composite import Composite
 from sb3_stereo.envs.markers import find_blobs
 from sb3_stereo.images import fit
 from sb3_stereo.models import load_model
 from sb3_stereo.runs import load_record
+
+
+STACK = Composite("stack", ("left", "right"))
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +68,7 @@ def test_white_balance_leaves_rendered_frames_alone_and_undoes_the_lights_colour
 
 
 def test_without_noise_the_network_sees_nearly_the_environments_composite(frames: list[Any]) -> None:
-    difference = np.abs(observe(frames[:2]).astype(int) - composite(frames[:2]))
+    difference = np.abs(observe(frames[:2], STACK).astype(int) - STACK(frames[:2]))
     assert difference.mean() < 1.0
 
 
@@ -104,7 +107,7 @@ def test_the_efforts_are_those_of_the_agent_in_newton_metres(
     assert play_images.main([*folders, *flags, "--json", "--draw", str(tmp_path / "drawn")]) == 0
     answers = [json.loads(line) for line in capsys.readouterr().out.splitlines() if line.startswith("{")]
     model = load_model(load_record(run)[0], run / "WamStereoReach-v0.zip", "cpu")
-    action = model.predict(observe(frames[:2]), deterministic=True)[0]
+    action = model.predict(observe(frames[:2], STACK), deterministic=True)[0]
     env = gym.make("WamStereoReach-v0")
     levels = np.array(np.unravel_index(action, [3] * 4)) - 1.0 if run.parent.name == "dqn" else action
     torques = [answers[0]["efforts"][joint]["torque"] for joint in ("J1", "J2", "J3", "J4")]

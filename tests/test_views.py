@@ -76,14 +76,14 @@ def test_a_map_of_views_passes_the_checkers() -> None:
     env.close()
 
 
-def test_every_arrangement_holds_the_same_numbers() -> None:
+def test_every_arrangement_holds_the_same_luminance() -> None:
     stack = composite(FRAMES)
-    shapes = {"stack": (1, 126, 84), "channels": (3, 42, 84)}
+    shapes = {"stack": (1, 126, 84), "channels": (3, 42, 84), "markers": (2, 126, 84)}
     for arrangement in COMPOSITES:
         arrange = Composite(arrangement, NAMES)
         observation = arrange(FRAMES)
         assert arrange.space.contains(observation)
-        np.testing.assert_array_equal(as_stack(observation), stack)
+        np.testing.assert_array_equal(as_stack(observation)[:, :126], stack)
         if arrangement == "dict":
             assert list(arrange.space) == list(NAMES)  # in the order of the cameras, not of the alphabet
         else:
@@ -100,7 +100,7 @@ def test_the_default_shows_the_papers_stack() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"composite": "tower"}, "unknown composite 'tower'; composites are stack, channels, dict"),
+        ({"composite": "tower"}, "unknown composite 'tower'; composites are stack, channels, dict, markers"),
         (
             {"composite": "dict", "cameras": ["left", "left"]},
             "cameras left, left share a name; composite 'dict' needs one for each",
@@ -146,7 +146,9 @@ class ArrangedEnv(FakeImageEnv):
 
     def __init__(self, arrangement: str, n_actions: int | None = None) -> None:
         super().__init__((1, 84, 84), n_actions)
-        self.observation_space = Composite(arrangement, ("left", "right")).space  # type: ignore[assignment]
+        composite = Composite(arrangement, ("left", "right"))
+        self.observation_space = composite.space  # type: ignore[assignment]
+        self.views_in_channels = composite.views_in_channels
 
     def _image(self) -> Any:
         self.observation_space.seed(int(self.np_random.integers(2**31)))

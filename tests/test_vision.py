@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.composite import composite
-from sb3_stereo.envs.markers import MIN_PIXELS, find_blobs
+from sb3_stereo.envs.composite import HEIGHT, WIDTH, composite, marker_map
+from sb3_stereo.envs.markers import MIN_PIXELS, find_blobs, marker_masks
 
 Image = NDArray[np.uint8]
 
@@ -55,6 +55,40 @@ def test_a_marker_of_too_few_pixels_is_undefined() -> None:
     assert np.isnan(blobs.offset).all()
     frame[0, MIN_PIXELS - 1] = (255, 0, 0)
     assert np.isfinite(find_blobs(frame).offset).all()
+
+
+@pytest.mark.parametrize("green", [60, 255])
+def test_masks_are_where_the_colours_are_in_plain_numpy(green: int) -> None:
+    """Also where next to nothing is dim in green, so that the part looked at is small."""
+    frame = np.random.default_rng(green).integers(green, 256, (240, 320, 3), dtype=np.uint8)
+    frame[7, 9], frame[200:204, 300] = (255, 0, 0), (0, 0, 255)
+    for channel, mask in zip((0, 2), marker_masks(frame), strict=True):
+        others = np.delete(frame, channel, axis=2)
+        np.testing.assert_array_equal(mask == 255, (frame[:, :, channel] >= 128) & (others <= 70).all(axis=2))
+        assert set(np.unique(mask)) <= {0, 255}
+
+
+def test_the_marker_map_tells_the_centroids() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        frame, (x, y) = picture(), rng.integers(0, (300, 220))
+        frame[y : y + 12, x : x + 12] = (255, 0, 0)
+        frame[(y + 120) % 220 :, (x + 150) % 300 :][:12, :12] = (0, 0, 255)
+        [image] = marker_map([marker_masks(frame)]).astype(float)
+        assert image.shape == (HEIGHT, WIDTH)
+        for sign, centroid in zip((1, -1), find_blobs(frame), strict=True):
+            weights = np.maximum(sign * (image - 128), 0)
+            pixel = np.array([weights.sum(0) @ np.arange(WIDTH), weights.sum(1) @ np.arange(HEIGHT)]) / weights.sum()
+            found = (pixel + 0.5) * (320 / WIDTH, 240 / HEIGHT) - 0.5
+            np.testing.assert_allclose(found, centroid, atol=0.5)
+
+
+def test_the_marker_map_is_grey_without_markers_and_follows_the_views() -> None:
+    red = picture()
+    red[100:120, 100:120] = (255, 0, 0)
+    image = marker_map([marker_masks(picture()), marker_masks(red)])
+    assert image.shape == (1, 2 * HEIGHT, WIDTH)
+    assert (image[0, :HEIGHT] == 128).all() and image[0, HEIGHT:].max() == 255 and image.min() == 128
 
 
 def plain_centroid(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
