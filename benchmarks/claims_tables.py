@@ -28,6 +28,7 @@ from sb3_stereo.tuning.report import tell_failures
 
 RANDOM = ("--env", "WamStereoReachRandom-v0", "--eval-freq", "2500")
 RANDOM_CHECKPOINTS = (2500, 5000, 7500, 10_000, 15_000, 20_000, 30_000)
+HALF = RANDOM_CHECKPOINTS[:5]  # of the agents that are compared with each other and not with the aim
 FIXED = ("--eval-freq", "500")
 NO_MIRROR = ("-params", "callback.StereoReplay.mirror_probability:0")
 # The target without its colour; less blur, which leaves a third of its contrast in place of a tenth.
@@ -49,15 +50,15 @@ def fixed(name: str, label: str, *arguments: str) -> Row:
     return Row(name, "ddpg", f"Fixed target, {label}", (*FIXED, *arguments), OUR_CHECKPOINTS)
 
 
-def drawn(name: str, label: str, *arguments: str) -> Row:
+def drawn(name: str, label: str, *arguments: str, checkpoints: tuple[int, ...] = HALF) -> Row:
     """Our DDPG on drawn targets."""
-    return Row(name, "ddpg", f"Drawn targets, {label}", (*RANDOM, *arguments), RANDOM_CHECKPOINTS)
+    return Row(name, "ddpg", f"Drawn targets, {label}", (*RANDOM, *arguments), checkpoints)
 
 
 BOTH = replace(next(row for row in ROWS if row.name == "ours_ddpg"), label="Fixed target, both views")
 SECTIONS = {
     "Any target": (
-        drawn("random_both", "both views"),
+        drawn("random_both", "both views", checkpoints=RANDOM_CHECKPOINTS),
         drawn("random_luminance", "both views, luminance only", *LUMINANCE),
     ),
     "Does stereo matter?": (
