@@ -103,7 +103,7 @@ def test_a_run_is_asked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert len(asked) == 1
     assert depth_record(row).read_text().splitlines() == [
         "seed,timesteps,point,source,median,quantile_95",
-        "0,100000,target,trained,1.0,2.0",
+        f"0,{row.checkpoints[-1]},target,trained,1.0,2.0",
     ]
 
 
