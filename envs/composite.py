@@ -112,6 +112,7 @@ class Composite:
 
 
 def as_stack(observation: Observation) -> Frame:
-    """One image (1, rows, width) of an observation in any arrangement: the paper's, above the markers if it has them."""
-    views = list(observation.values()) if isinstance(observation, dict) else [observation]
-    return np.concatenate([view.reshape(1, -1, view.shape[-1]) for view in views], axis=1)
+    """One image (1, rows, columns) of an observation in any arrangement: the paper's, left of the markers if it has them."""
+    images = list(observation.values()) if isinstance(observation, dict) else [observation]
+    # A channel with more rows than a view is a stack already.
+    return np.concatenate([np.concatenate(list(i), axis=int(i.shape[1] > HEIGHT)) for i in images])[None]

@@ -28,7 +28,7 @@ def saliency(policy: BasePolicy, observation: Image, spread: NDArray[np.float32]
         spread: Standard deviation of every pixel over observations, (channels, height, width).
 
     Returns:
-        Shape (channels * height, width), from 0 to 1, a channel below the other; all 0 where no pixel counts.
+        As one image (rows, columns), see `as_stack`, from 0 to 1; all 0 where no pixel counts.
     """
     policy.set_training_mode(False)
     image = th.as_tensor(observation[None], dtype=th.float32, device=policy.device).requires_grad_()
@@ -36,7 +36,7 @@ def saliency(policy: BasePolicy, observation: Image, spread: NDArray[np.float32]
         outputs = _outputs(policy, image)[0]  # (n_outputs,)
         gradients = [th.autograd.grad(output, image, retain_graph=True)[0][0] for output in outputs]
     changes = th.stack(gradients).cpu().numpy() * spread
-    length = np.sqrt(np.square(changes).sum(axis=0)).reshape(-1, changes.shape[-1])  # over outputs
+    length = as_stack(np.sqrt(np.square(changes).sum(axis=0)))[0]  # over outputs
     return np.asarray(length / max(length.max(), 1e-30), np.float32)
 
 
@@ -59,12 +59,12 @@ def overlaid(observation: Image, attention: NDArray[np.float32], factor: int = 5
     """Lay the attention in red over a grey image, enlarged, and put it beside the image alone.
 
     Args:
-        observation: Image (channels, height, width), uint8; channels are laid one below the other.
+        observation: Image (channels, height, width), uint8; channels are laid out as by `as_stack`.
         attention: As from `saliency`.
         factor: Of the enlargement.
 
     Returns:
-        RGB, (factor * channels * height, 2 * factor * width, 3).
+        RGB, (factor * rows, 2 * factor * columns, 3).
     """
     grey = np.repeat(as_stack(observation)[0, :, :, None], 3, axis=2).astype(np.float32)
     share = attention[:, :, None]
