@@ -72,6 +72,14 @@ def test_without_noise_the_network_sees_nearly_the_environments_composite(frames
     assert difference.mean() < 1.0
 
 
+def test_the_marker_map_has_the_found_markers_where_the_environments_are(frames: list[Any]) -> None:
+    arrange = Composite("markers", ("left", "right"))
+    for left, right in zip(frames[::2], frames[1::2], strict=True):
+        ours, theirs = (image[1].astype(float) - 128 for image in (observe([left, right], arrange), arrange([left, right])))
+        assert np.abs(theirs).max() > 60
+        assert np.abs(ours - theirs).sum() < 0.5 * np.abs(theirs).sum()  # edges only, nothing is elsewhere or missing
+
+
 def test_an_image_of_any_size_becomes_a_frame_by_its_middle() -> None:
     frame = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     np.testing.assert_array_equal(fit(frame, 320, 240), frame)
