@@ -32,12 +32,10 @@ HALF = RANDOM_CHECKPOINTS[:5]  # of the agents that are compared with each other
 FIXED = ("--eval-freq", "500")
 NO_MIRROR = ("-params", "callback.StereoReplay.mirror_probability:0")
 # The target without its colour; less blur, which leaves a third of its contrast in place of a tenth.
-LUMINANCE = (
-    "--env-kwargs", "composite:stack",
-    "-params", "policy_kwargs.features_extractor_kwargs.blur:1.5", "policy_kwargs.features_extractor_kwargs.downsample:2",
-)  # fmt: skip
+EXTRACTOR = "policy_kwargs.features_extractor_kwargs"
+LUMINANCE = ("--env-kwargs", "composite:stack", "-params", f"{EXTRACTOR}.blur:1.5", f"{EXTRACTOR}.downsample:2")
 # A view keeps its 42 rows, which are 14 after the blur: with the default strides the last convolution finds too few.
-CHANNELS = ("--env-kwargs", "composite:channels", "-params", "policy_kwargs.features_extractor_kwargs.strides:[2,1,1]")
+CHANNELS = ("--env-kwargs", "composite:channels", "-params", f"{EXTRACTOR}.strides:[2,1,1]")
 
 
 def twice(view: str) -> tuple[str, ...]:

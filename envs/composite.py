@@ -112,7 +112,7 @@ class Composite:
 
 
 def as_stack(observation: Observation) -> Frame:
-    """One image (1, rows, columns) of an observation in any arrangement: the paper's, left of the markers if it has them."""
+    """One image (1, rows, columns) of an observation in any arrangement: the paper's, left of the markers if any."""
     images = list(observation.values()) if isinstance(observation, dict) else [observation]
     # A channel with more rows than a view is a stack already.
     return np.concatenate([np.concatenate(list(i), axis=int(i.shape[1] > HEIGHT)) for i in images])[None]

@@ -61,7 +61,8 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or "left" and "right"
             for those of the pair, any number of them; or the path of a YAML file with such a list. Goal and reward
             are judged by the same views.
-        composite: How the views make an observation: "stack", "channels", "dict" or "markers", see `composite.Composite`.
+        composite: How the views make an observation: "stack", "channels", "dict" or "markers", see
+            `composite.Composite`.
         target_position: Of the target, in [m], world.
         random_target: Draw the target anew at every reset that does not set it: where the end effector is at a
             random free pose, if that pose is a goal (all cameras see both markers there).

@@ -20,7 +20,6 @@ from sb3_stereo.images import fit
 from sb3_stereo.models import load_model
 from sb3_stereo.runs import load_record
 
-
 STACK = Composite("stack", ("left", "right"))
 
 
@@ -75,7 +74,8 @@ def test_without_noise_the_network_sees_nearly_the_environments_composite(frames
 def test_the_marker_map_has_the_found_markers_where_the_environments_are(frames: list[Any]) -> None:
     arrange = Composite("markers", ("left", "right"))
     for left, right in zip(frames[::2], frames[1::2], strict=True):
-        ours, theirs = (image[1].astype(float) - 128 for image in (observe([left, right], arrange), arrange([left, right])))
+        images = observe([left, right], arrange), arrange([left, right])
+        ours, theirs = (image[1].astype(float) - 128 for image in images)
         assert np.abs(theirs).max() > 60
         assert np.abs(ours - theirs).sum() < 0.5 * np.abs(theirs).sum()  # edges only, nothing is elsewhere or missing
 
