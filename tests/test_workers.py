@@ -105,7 +105,7 @@ def test_killed_workers_leave_no_process_and_no_shared_memory_and_the_run_goes_o
         known |= wait_for_checkpoint(process, run, known)
         family = psutil.Process(process.pid).children(recursive=True)
         workers(process)[kill % 2].kill()
-        _, message = process.communicate(timeout=60)
+        _, message = process.communicate(timeout=300)
         sentence = "a process that steps an environment died (SIGKILL); see that there is memory for it, then "
         assert message.splitlines()[-1] == f"error: {sentence}{how_to_resume(run)}"
         assert "Traceback" not in message
