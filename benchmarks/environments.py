@@ -70,7 +70,7 @@ def step_parts() -> dict[str, Candidate]:
     ]
     for camera in inner.cameras:
         camera._draw = parts.watch(f"{camera.spec.name} view", camera._draw)
-    inner._composite = parts.watch("composite", inner._composite)
+    inner.composite = parts.watch("composite", inner.composite)
     steps = stepping(env)
 
     def watched_steps() -> None:
