@@ -1,4 +1,4 @@
-"""Claims of the paper that it does not measure: any target, stereo, other arrangements of the views.
+"""Claims of the paper that it does not measure: any target, stereo, other arrangements of the views, other arms.
 
     python -m benchmarks.claims_tables
 
@@ -69,6 +69,9 @@ SECTIONS = {
         drawn("random_right", "the right view twice", *twice("right")),
     ),
     "Stack or channels?": (fixed("fixed_channels", "a view in each channel", *CHANNELS),),
+    "Other arms": tuple(
+        fixed(f"arm_{arm.lower()}", f"the {arm}", "--env", f"{arm}StereoReach-v0") for arm in ("Kuka", "Panda")
+    ),
 }
 CLAIMS = tuple(row for rows in SECTIONS.values() for row in rows)
 
