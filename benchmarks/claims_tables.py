@@ -31,8 +31,8 @@ RANDOM_CHECKPOINTS = (2500, 5000, 7500, 10_000, 15_000, 20_000, 30_000)
 HALF = RANDOM_CHECKPOINTS[:5]  # of the agents that are compared with each other and not with the aim
 FIXED = ("--eval-freq", "500")
 NO_MIRROR = ("-params", "callback.StereoReplay.mirror_probability:0")
-# The target without its colour; less blur, which leaves a third of its contrast in place of a tenth.
 EXTRACTOR = "policy_kwargs.features_extractor_kwargs"
+# The target without its colour, and with the blur and the resolution that leave it more of its contrast.
 LUMINANCE = ("--env-kwargs", "composite:stack", "-params", f"{EXTRACTOR}.blur:1.5", f"{EXTRACTOR}.downsample:2")
 # A view keeps its 42 rows, which are 14 after the blur: with the default strides the last convolution finds too few.
 CHANNELS = ("--env-kwargs", "composite:channels", "-params", f"{EXTRACTOR}.strides:[2,1,1]")
