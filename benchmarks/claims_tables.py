@@ -1,4 +1,4 @@
-"""Claims of the paper that it does not measure: any target, stereo, other arrangements of the views, other arms.
+"""Claims that the paper does not measure: any target, stereo, other arrangements of the views, other arms, a fast path.
 
     python -m benchmarks.claims_tables
 
@@ -19,6 +19,7 @@ from benchmarks import cells
 from benchmarks.cells import Row, parse_arguments, read, train_missing, write
 from benchmarks.depth import probe
 from benchmarks.paper_tables import OUR_CHECKPOINTS, ROWS
+from benchmarks.reference import REFERENCE
 from benchmarks.report import line_of, provenance, table
 from sb3_stereo.cli import run_command
 from sb3_stereo.progress import say
@@ -69,11 +70,12 @@ SECTIONS = {
         drawn("random_right", "the right view twice", *twice("right")),
     ),
     "Stack or channels?": (fixed("fixed_channels", "a view in each channel", *CHANNELS),),
+    "Does the fast path learn the same?": (BOTH, fixed("fixed_reference", "both views, reference path", *REFERENCE)),
     "Other arms": tuple(
         fixed(f"arm_{arm.lower()}", f"the {arm}", "--env", f"{arm}StereoReach-v0") for arm in ("Kuka", "Panda")
     ),
 }
-CLAIMS = tuple(row for rows in SECTIONS.values() for row in rows)
+CLAIMS = tuple(dict.fromkeys(row for rows in SECTIONS.values() for row in rows))  # each once
 
 HEAD = """# Claims that the paper does not measure
 
@@ -82,7 +84,8 @@ Written by `python -m benchmarks.claims_tables --report` from the records in `be
 Success, steps and intervals are those of [RESULTS.md](RESULTS.md); with drawn targets the 100 test poses have a target
 each. An agent that sees one view twice is rewarded and judged by that view alone: its goal is a line of sight, and its
 success is not comparable. What is comparable is the distance in space in the last table. Replay mirrors nothing for
-such an agent, so both views are also measured without the mirror.
+such an agent, so both views are also measured without the mirror. The reference path is the learner without what makes it fast (`benchmarks/reference.py`): NCHW
+convolutions, Adam that is not fused.
 """
 
 

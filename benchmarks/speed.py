@@ -78,8 +78,8 @@ def report(result: dict[str, Any]) -> str:
     threads = f"{result['threads']} thread(s)"
     titles = {
         "ratios": "ratio",
-        "ms_per_env_step": "ms per environment step with two 320 x 240 views",
-        "ms_per_env_step_part": "ms of an environment step",
+        "ms_per_env_step": "ms per environment step with two 320 x 240 views, on one core",
+        "ms_per_env_step_part": "ms of an environment step, on one core",
         "env_steps_per_second": "environment steps per second in so many processes",
         "ms_per_update": f"ms per gradient step, {threads}",
         "ms_per_prediction": f"ms per predicted action, {threads}",

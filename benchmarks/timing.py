@@ -150,6 +150,20 @@ def library_lines_to_stderr() -> Iterator[None]:
         os.close(ours)
 
 
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Keep this process on one core, with the threads that libraries start meanwhile; only where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
+
+
 def serve(candidates: Mapping[str, Candidate]) -> None:
     """The other side of `Worker`: tell the names, then answer each line of standard input."""
     print(f"answer: {', '.join(candidates)}", flush=True)

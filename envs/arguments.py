@@ -80,6 +80,8 @@ def vector(name: str, value: Any, size: int) -> Floats:
         numbers = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is {quoted(value)}; give {size} numbers") from None
-    require(numbers.shape == (size,), f"{name} has shape {numbers.shape}; give ({size},)")
-    require(bool(np.all(np.isfinite(numbers))), f"{name} is {numbers.tolist()}; give finite numbers")
+    if numbers.shape != (size,):
+        raise ValueError(f"{name} has shape {numbers.shape}; give ({size},)")
+    if not np.isfinite(numbers).all():  # not `require`: every step comes by, and the sentence takes longer to write
+        raise ValueError(f"{name} is {numbers.tolist()}; give finite numbers")
     return numbers

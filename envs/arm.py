@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pybullet
 import pybullet_data
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require, require_known, require_readable
@@ -48,7 +48,7 @@ class Arm:
         self.actuated = [moving[joint][0] for joint in spec.joints]
         self._actuated_of_moving = [self._moving.index(joint) for joint in self.actuated]
         rest = dict(spec.rest)
-        self._rest: Floats = np.array([rest.get(joint, 0.0) for joint in moving])
+        self._rest = [(rest.get(joint, 0.0),) for joint in moving]  # as Bullet takes them
         self._hand = self._links[spec.end_effector_link]
         self.limits: Floats = np.array([_limits(moving[joint]) for joint in spec.joints])  # (n_joints, 2) [rad]
         self._set_up_joints(spec.damping)
@@ -104,7 +104,7 @@ class Arm:
         )
         held = [joint for joint in self._moving if joint not in self.actuated]
         if held:
-            targets = [self._rest[self._moving.index(joint)] for joint in held]
+            targets = [self._rest[self._moving.index(joint)][0] for joint in held]
             client.setJointMotorControlArray(
                 body, held, pybullet.POSITION_CONTROL, targetPositions=targets, forces=[HOLDING_EFFORT] * len(held)
             )
@@ -157,15 +157,16 @@ class Arm:
             )[0]
         )
 
-    def rest_at(self, positions: ArrayLike) -> None:
-        """Put the actuated joints at `positions`, shape (n_joints,), in [rad], the others at `rest`, all still."""
+    def rest_at(self, positions: Iterable[float]) -> None:
+        """Put the actuated joints at `positions`, one each, in [rad], the others at `rest`, all still."""
         everywhere = self._rest.copy()
-        everywhere[self._actuated_of_moving] = positions
-        self._client.resetJointStatesMultiDof(self.body, self._moving, everywhere[:, None].tolist())
+        for index, position in zip(self._actuated_of_moving, positions, strict=True):
+            everywhere[index] = (position,)
+        self._client.resetJointStatesMultiDof(self.body, self._moving, everywhere)
 
     def brake(self) -> None:
         """Stop every joint where it is: an ideal brake."""
-        self.rest_at(self.actuated_positions)
+        self.rest_at([state[0] for state in self._client.getJointStates(self.body, self.actuated)])
 
     def push(self, efforts: Sequence[float], n_steps: int) -> None:
         """Apply constant efforts to the actuated joints.
