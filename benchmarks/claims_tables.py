@@ -1,4 +1,4 @@
-"""Claims that the paper does not measure: any target, stereo, other arrangements of the views, other arms, a fast path.
+"""Claims that the paper does not measure: any target, stereo, other arrangements of the views, other arms.
 
     python -m benchmarks.claims_tables
 
@@ -84,8 +84,8 @@ Written by `python -m benchmarks.claims_tables --report` from the records in `be
 Success, steps and intervals are those of [RESULTS.md](RESULTS.md); with drawn targets the 100 test poses have a target
 each. An agent that sees one view twice is rewarded and judged by that view alone: its goal is a line of sight, and its
 success is not comparable. What is comparable is the distance in space in the last table. Replay mirrors nothing for
-such an agent, so both views are also measured without the mirror. The reference path is the learner without what makes it fast (`benchmarks/reference.py`): NCHW
-convolutions, Adam that is not fused.
+such an agent, so both views are also measured without the mirror. The reference path is the learner without what makes
+it fast (`benchmarks/reference.py`): NCHW convolutions, an Adam that is not fused.
 """
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch as th
 
 from benchmarks import cells, claims_tables, depth
 from benchmarks.cells import write
-from benchmarks.claims_tables import CLAIMS, depth_record, probe_missing, write_claims
+from benchmarks.claims_tables import BOTH, CLAIMS, depth_record, probe_missing, write_claims
 from benchmarks.depth import read_positions
 from sb3_stereo.config import load_config
 from sb3_stereo.models import save_model, untrained_model
@@ -66,6 +67,17 @@ def test_every_row_can_be_trained() -> None:
         assert [camera["name"] for camera in cameras] == [row.name.rpartition("_")[2]] * len(cameras)
         untrained_model(config, "cpu")
     assert len({row.name for row in CLAIMS}) == len(CLAIMS)
+
+
+def test_the_reference_path_computes_the_same_without_what_is_fast() -> None:
+    rows = BOTH, next(row for row in CLAIMS if row.name == "fixed_reference")
+    fast, reference = (untrained_model(row.config(), "cpu", seed=0).policy for row in rows)
+    images = th.rand(8, 1, 84, 84, generator=th.Generator().manual_seed(0))
+    features = [policy.encoder(images) for policy in (fast, reference)]
+    th.testing.assert_close(*features)
+    weights = [[p for p in policy.encoder.convs.parameters() if p.ndim == 4][1] for policy in (fast, reference)]
+    assert [weight.is_contiguous() for weight in weights] == [False, True]
+    assert [policy.critic.optimizer.defaults["fused"] for policy in (fast, reference)] == [True, False]
 
 
 LINE = {"success_rate": "1.0", "mean_steps_success": "2.0", "mean_action": "0.5", "mean_q": "0.1", "versions": "v"}
