@@ -11,7 +11,8 @@ import yaml
 
 from sb3_stereo.cli import command_line
 from sb3_stereo.config import overridden
-from sb3_stereo.tuning.config import Parameter, Sweep
+from sb3_stereo.tuning.config import Sweep
+from sb3_stereo.tuning.parameters import Parameter
 from sb3_stereo.tuning.records import Setting, Trial, read_trials, settings
 
 BEST, PICTURE, TABLE = "best.yml", "slices.png", "trials.csv"

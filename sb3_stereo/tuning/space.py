@@ -6,7 +6,8 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from ray import tune
 from ray.tune.search.repeater import TRIAL_INDEX
 
-from sb3_stereo.tuning.config import Parameter, Sweep
+from sb3_stereo.tuning.config import Sweep
+from sb3_stereo.tuning.parameters import Parameter
 
 
 def domain(parameter: Parameter) -> Any:
