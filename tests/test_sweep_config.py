@@ -12,7 +12,8 @@ from tiny_sweep import BASE, RANGES, load, write
 from sb3_stereo import sweep
 from sb3_stereo.config import load_config, overridden
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.tuning.config import Parameter, load_sweep
+from sb3_stereo.tuning.config import load_sweep
+from sb3_stereo.tuning.parameters import Parameter
 from sb3_stereo.tuning.search import tuner_arguments
 from sb3_stereo.tuning.space import distribution, domain, tune_space
 
