@@ -32,7 +32,7 @@ def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) ->
         parser: Where to add them.
         num_threads: The default; -1 stands for the free cores.
     """
-    threads = "free cores, up to 4" if num_threads < 0 else str(num_threads)
+    threads = "as many as there are free cores, up to 4" if num_threads < 0 else str(num_threads)
     parser.add_argument("--device", default="auto", help="PyTorch device, e.g. cpu, cuda (default: auto)")
     parser.add_argument("--num-threads", type=int, default=num_threads, help=f"PyTorch threads (default: {threads})")
     parser.add_argument(

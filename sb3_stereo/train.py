@@ -95,7 +95,7 @@ def make_options(args: argparse.Namespace) -> "Options":
 
 def train_command(args: argparse.Namespace) -> int:
     """Read the configuration, train, and say how it went."""
-    runtime.tune_allocator()
+    runtime.tune_process()
     if args.resume:
         return resume_command(args)
     from sb3_stereo import tables
@@ -105,14 +105,14 @@ def train_command(args: argparse.Namespace) -> int:
     import_packages(args.gym_packages)
     config = make_config(args)
     check_flags(args)
-    n_threads = runtime.set_threads(args.num_threads)
     options = make_options(args)
-    if args.verbose:
-        print(f"Training {config.algo} on {config.env_id}, seed {options.seed}, {n_threads} threads, with")
-        print(tables.settings_table(config), flush=True)
-    start = time.monotonic()
-    result = train(config, options, vars(args) | {"num_threads": n_threads})
-    return report(result, time.monotonic() - start, args.verbose)
+    with runtime.threads_for(args.num_threads) as n_threads:
+        if args.verbose:
+            print(f"Training {config.algo} on {config.env_id}, seed {options.seed}, {n_threads} threads, with")
+            print(tables.settings_table(config), flush=True)
+        start = time.monotonic()
+        result = train(config, options, vars(args))
+        return report(result, time.monotonic() - start, args.verbose)
 
 
 def report(result: "Result", seconds: float, verbose: int) -> int:
@@ -138,9 +138,9 @@ def resume_command(args: argparse.Namespace) -> int:
     for name in set(given) - {"resume", "verbose"}:
         raise ConfigError(f"--resume takes the run's own settings, got '{name}' too; leave it out")
     run = Path(args.resume)
-    runtime.set_threads(load_record(run)[1].get("num_threads", -1))
-    start = time.monotonic()
-    return report(resume(run, args.verbose), time.monotonic() - start, args.verbose)
+    with runtime.threads_for(load_record(run)[1].get("num_threads", -1)):
+        start = time.monotonic()
+        return report(resume(run, args.verbose), time.monotonic() - start, args.verbose)
 
 
 def check_flags(args: argparse.Namespace) -> None:

@@ -56,12 +56,11 @@ OnEnd = Callable[[Training, Mapping[str, Any]], str]
 def run_trial(suggestion: dict[str, Any], make_training: MakeTraining) -> None:
     """Do the training that is suggested, unless that was done already, and report its scores to Tune."""
     training = make_training(suggestion)
-    runtime.tune_allocator()
+    runtime.tune_process()
     sys.orig_argv[:] = training.command
     import_packages(training.record["gym_packages"])
-    runtime.set_threads(training.record["num_threads"])
     folder, config, seed = Path(training.options.log_folder), training.config, training.options.seed
-    with _alone(folder, config, seed):
+    with runtime.threads_for(training.record["num_threads"]), _alone(folder, config, seed):
         run = find_trial(folder, config, seed)
         if run is None or state(run, config) == "unfinished":
             run = continue_or_train(run, training)

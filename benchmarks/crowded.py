@@ -1,0 +1,78 @@
+"""What a gradient step takes when other processes come to the cores that its threads had.
+
+    python -m benchmarks.crowded
+
+gets trainings ready on a machine that should be quiet, times gradient steps of each, then again beside one busy
+process per core, and prints the milliseconds.
+
+    python -m benchmarks.crowded THREADS ours|gnu
+
+is one of the trainings, for the above: -1 follows the free cores, "gnu" leaves the process as OpenMP has it.
+"""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from benchmarks.timing import Worker, medians, serve, timed
+from sb3_stereo.runtime import MAX_THREADS, available_cores, threads_for, tune_process
+
+ROUNDS = 7
+TRAININGS = {
+    "1 thread": ("1", "ours"),
+    f"{MAX_THREADS} threads, as OpenMP waits by itself": (str(MAX_THREADS), "gnu"),
+    f"{MAX_THREADS} threads": (str(MAX_THREADS), "ours"),
+    "the free cores (the default)": ("-1", "ours"),
+}
+
+
+@contextmanager
+def busy_processes(n: int) -> Iterator[None]:
+    """Meanwhile, others use `n` cores."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+
+
+def measure(rounds: int = ROUNDS) -> dict[str, tuple[float, float]]:
+    """Milliseconds per gradient step of each training, alone and beside others."""
+    with ExitStack() as stack:
+        candidates = {}
+        for name, arguments in TRAININGS.items():  # one after the other: each finds the cores free
+            worker = stack.enter_context(Worker("benchmarks.crowded", *arguments))
+            candidates[name] = worker.candidate("gradient step")
+            candidates[name]()
+        alone = medians(candidates, rounds)
+        with busy_processes(available_cores()):
+            crowded = medians(candidates, rounds)
+    return {name: (1000 * alone[name], 1000 * crowded[name]) for name in candidates}
+
+
+def serve_training(num_threads: int) -> None:
+    """Be one of the trainings."""
+    from benchmarks.trainings import make_training
+
+    model, _ = make_training()
+    with threads_for(num_threads):
+        serve({"gradient step": timed(lambda: model.train(gradient_steps=1, batch_size=model.batch_size))})
+
+
+def main() -> None:
+    """Command line."""
+    if len(sys.argv) > 1:
+        if sys.argv[2] == "ours":
+            tune_process()
+        serve_training(int(sys.argv[1]))
+        return
+    print(f"| ms per gradient step | alone | beside {available_cores()} busy processes |\n| --- | --- | --- |")
+    for name, (alone, crowded) in measure().items():
+        print(f"| {name} | {alone:.3g} | {crowded:.3g} |")
+
+
+if __name__ == "__main__":
+    main()
