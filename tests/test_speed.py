@@ -2,14 +2,16 @@
 
 import io
 import json
+import os
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
-from benchmarks import environments, speed, timing, trainings, updates
+from benchmarks import crowded, environments, speed, timing, trainings, updates
 
 HERE = Path(speed.__file__).parent
 ENVS = {"ours": 10.0, "ours, with a floor": 12.0, "ours, bare": 9.0, "panda-gym": 150.0}
@@ -163,6 +165,29 @@ def test_the_report_has_what_the_record_has_and_a_dash_for_a_peer_that_was_missi
         "On 4 cores; python 3.",
         "",
     ]
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only where the system can")
+def test_environments_are_timed_on_one_core_and_what_follows_is_not() -> None:
+    cores = os.sched_getaffinity(0)
+    with timing.on_one_core():
+        assert len(os.sched_getaffinity(0)) == 1
+    assert os.sched_getaffinity(0) == cores
+
+
+def test_others_are_busy_only_meanwhile() -> None:
+    before = set(psutil.Process().children())
+    with crowded.busy_processes(2):
+        others = set(psutil.Process().children()) - before
+        assert len(others) == 2
+    assert not any(other.is_running() for other in others)
+
+
+@pytest.mark.slow
+def test_a_training_is_timed_alone_and_in_a_crowd(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(crowded, "TRAININGS", {"1 thread": ("1", "ours")})
+    ((name, (alone, among_others)),) = crowded.measure(rounds=1).items()
+    assert name == "1 thread" and alone > 0 and among_others > 0
 
 
 @pytest.mark.slow
