@@ -5,9 +5,9 @@
 gets trainings ready on a machine that should be quiet, times gradient steps of each, then again beside one busy
 process per core, and prints the milliseconds.
 
-    python -m benchmarks.crowded THREADS ours|gnu
+    python -m benchmarks.crowded THREADS
 
-is one of the trainings, for the above: -1 follows the free cores, "gnu" leaves the process as OpenMP has it.
+is one of the trainings, for the above: -1 follows the free cores.
 """
 
 import subprocess
@@ -16,15 +16,11 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 from benchmarks.timing import Worker, medians, serve, timed
-from sb3_stereo.runtime import MAX_THREADS, available_cores, threads_for, tune_process
+from sb3_stereo.runtime import MAX_THREADS, available_cores, threads_for, tune_allocator
 
-ROUNDS = 7
-TRAININGS = {
-    "1 thread": ("1", "ours"),
-    f"{MAX_THREADS} threads, as OpenMP waits by itself": (str(MAX_THREADS), "gnu"),
-    f"{MAX_THREADS} threads": (str(MAX_THREADS), "ours"),
-    "the free cores (the default)": ("-1", "ours"),
-}
+ROUNDS = 3
+N_UPDATES = 20  # per time
+TRAININGS = {"1 thread": "1", f"{MAX_THREADS} threads": str(MAX_THREADS), "the free cores (the default)": "-1"}
 
 
 @contextmanager
@@ -39,18 +35,18 @@ def busy_processes(n: int) -> Iterator[None]:
             other.wait()
 
 
-def measure(rounds: int = ROUNDS) -> dict[str, tuple[float, float]]:
+def measure(rounds: int = ROUNDS) -> dict[str, tuple[float, ...]]:
     """Milliseconds per gradient step of each training, alone and beside others."""
     with ExitStack() as stack:
         candidates = {}
-        for name, arguments in TRAININGS.items():  # one after the other: each finds the cores free
-            worker = stack.enter_context(Worker("benchmarks.crowded", *arguments))
-            candidates[name] = worker.candidate("gradient step")
+        for name, threads in TRAININGS.items():  # one after the other: each finds the cores free
+            worker = stack.enter_context(Worker("benchmarks.crowded", threads))
+            candidates[name] = worker.candidate("gradient steps")
             candidates[name]()
         alone = medians(candidates, rounds)
         with busy_processes(available_cores()):
             crowded = medians(candidates, rounds)
-    return {name: (1000 * alone[name], 1000 * crowded[name]) for name in candidates}
+    return {name: tuple(1000 * seconds[name] / N_UPDATES for seconds in (alone, crowded)) for name in candidates}
 
 
 def serve_training(num_threads: int) -> None:
@@ -59,14 +55,13 @@ def serve_training(num_threads: int) -> None:
 
     model, _ = make_training()
     with threads_for(num_threads):
-        serve({"gradient step": timed(lambda: model.train(gradient_steps=1, batch_size=model.batch_size))})
+        serve({"gradient steps": timed(lambda: model.train(gradient_steps=N_UPDATES, batch_size=model.batch_size))})
 
 
 def main() -> None:
     """Command line."""
     if len(sys.argv) > 1:
-        if sys.argv[2] == "ours":
-            tune_process()
+        tune_allocator()
         serve_training(int(sys.argv[1]))
         return
     print(f"| ms per gradient step | alone | beside {available_cores()} busy processes |\n| --- | --- | --- |")

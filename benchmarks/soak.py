@@ -22,7 +22,7 @@ import sb3_stereo  # noqa: F401  (registers the environments)
 from sb3_stereo.cli import DEFAULT_ENV
 from sb3_stereo.config import load_config
 from sb3_stereo.plot import read_scores
-from sb3_stereo.runtime import set_threads, tune_process
+from sb3_stereo.runtime import set_threads, tune_allocator
 from sb3_stereo.training import Options, train
 
 N_SAMPLES = 10
@@ -158,7 +158,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if 0 < getattr(args, name) < 2 * N_SAMPLES:
             flag = f"--{name.replace('_', '-')}"
             parser.error(f"{flag} must be 0 or at least {2 * N_SAMPLES}, got {getattr(args, name)}")
-    tune_process()
+    tune_allocator()
     set_threads(1)
     results = dict(parts(args, (lambda line: None) if args.json else print))
     if args.json:

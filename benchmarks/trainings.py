@@ -65,9 +65,9 @@ def measure_training(rounds: int, threads: int) -> tuple[dict[str, float], float
 
 def main() -> None:
     """Command line."""
-    from sb3_stereo.runtime import set_threads, tune_process
+    from sb3_stereo.runtime import set_threads, tune_allocator
 
-    tune_process()
+    tune_allocator()
     set_threads(int(sys.argv[1]))
     model, callbacks = make_training()
     serve({**training_parts(model, callbacks), "memory": memory(model)})

@@ -121,9 +121,9 @@ def main() -> None:
     if whose == "sbx":  # JAX takes as many threads as it has cores
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(threads)])
     if whose == "ours":
-        from sb3_stereo.runtime import tune_process
+        from sb3_stereo.runtime import tune_allocator
 
-        tune_process()
+        tune_allocator()
     import torch as th
 
     th.set_num_threads(int(threads))

@@ -126,7 +126,7 @@ def watched(env: Any, window: bool, video: Path | None, zoom: float) -> Iterator
 
 def enjoy_command(args: argparse.Namespace) -> int:
     """Load a run, play it and print its success."""
-    runtime.tune_process()
+    runtime.tune_allocator()
     from sb3_stereo.building import make_env
     from sb3_stereo.config import check_env_id
     from sb3_stereo.models import load_model

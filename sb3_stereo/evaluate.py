@@ -30,7 +30,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 def evaluate_command(args: argparse.Namespace) -> int:
     """Load a run, score it and print the score."""
-    runtime.tune_process()
+    runtime.tune_allocator()
     from sb3_stereo.building import VEC_ENVS, make_env
     from sb3_stereo.eval_callback import describe
     from sb3_stereo.evaluation import evaluate, random_starts, test_starts

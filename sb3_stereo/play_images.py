@@ -152,7 +152,7 @@ def load_player(args: argparse.Namespace) -> Player:
 
 def play_images_command(args: argparse.Namespace) -> int:
     """Answer every set of images."""
-    runtime.tune_process()
+    runtime.tune_allocator()
     if args.n is not None and args.n <= 0:
         raise ConfigError(f"-n must be positive, got {args.n}")
     images: Iterator[Any] = image_sets(args.sources)

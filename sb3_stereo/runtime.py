@@ -13,20 +13,15 @@ MAX_THREADS = 4  # four threads give the last gain for batches of 100 small imag
 
 # mallopt(3) parameters and values: serve large activations from the heap and keep what is freed.
 _MALLOPT = ((-3, 1 << 30), (-1, (1 << 31) - 1), (-2, 1 << 28))  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_TOP_PAD
-_SPIN_COUNT = "10000"  # half a millisecond, as fast on free cores as GNU OpenMP's own 30 times as long
 
 
-def tune_process() -> None:
-    """Keep freed memory, and do not let threads wait in a spin for long; call before torch is imported.
+def tune_allocator() -> None:
+    """Keep freed memory in the process, which makes a gradient step 1.5 to 1.9 times as fast; call before torch.
 
     glibc returns every activation of about 21 MB to the kernel, and each step then pays tens of thousands of page
-    faults; without these a gradient step is 1.5 to 1.9 times as fast. Threads that spin while the one they wait for
-    has no core make a step hundreds of times slower; the shorter spin leaves a tenth of that. The results stay the
-    same to the bit. Does nothing where the system has other libraries.
+    faults. The results stay the same to the bit. Does nothing on systems without glibc.
     """
     os.environ.setdefault("THP_MEM_ALLOC_ENABLE", "1")  # torch's own switch for transparent huge pages
-    if "OMP_WAIT_POLICY" not in os.environ:
-        os.environ.setdefault("GOMP_SPINCOUNT", _SPIN_COUNT)
     if not sys.platform.startswith("linux"):
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
@@ -74,7 +69,7 @@ class CoreWatch:
 def free_cores(seconds: float = 0.1) -> int:
     """Return the cores that others leave to this process, between 1 and 4, in so many seconds from now.
 
-    Threads beyond the free cores wait for each other: see `tune_process`.
+    Threads beyond the free cores wait for each other, hundreds of times as long as the work takes.
     """
     watch = CoreWatch()
     time.sleep(seconds)

@@ -95,7 +95,7 @@ def make_options(args: argparse.Namespace) -> "Options":
 
 def train_command(args: argparse.Namespace) -> int:
     """Read the configuration, train, and say how it went."""
-    runtime.tune_process()
+    runtime.tune_allocator()
     if args.resume:
         return resume_command(args)
     from sb3_stereo import tables

@@ -8,7 +8,7 @@ import pytest
 import torch as th
 
 from sb3_stereo import runtime
-from sb3_stereo.runtime import CoreWatch, threads_for, tune_process
+from sb3_stereo.runtime import CoreWatch, threads_for
 
 
 @pytest.fixture(autouse=True)
@@ -69,16 +69,3 @@ def test_a_number_that_is_told_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     with threads_for(2, interval=0.0) as n:
         optimizer_step()
         assert n == th.get_num_threads() == 2
-
-
-@pytest.mark.parametrize(
-    ("chosen", "spin"),
-    [({}, runtime._SPIN_COUNT), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "PASSIVE"}, None)],
-    ids=["nothing", "a spin", "a policy"],
-)
-def test_what_a_person_chose_for_openmp_stays(
-    chosen: dict[str, str], spin: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "environ", dict(chosen))
-    tune_process()
-    assert os.environ.get("GOMP_SPINCOUNT") == spin

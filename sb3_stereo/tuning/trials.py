@@ -56,7 +56,7 @@ OnEnd = Callable[[Training, Mapping[str, Any]], str]
 def run_trial(suggestion: dict[str, Any], make_training: MakeTraining) -> None:
     """Do the training that is suggested, unless that was done already, and report its scores to Tune."""
     training = make_training(suggestion)
-    runtime.tune_process()
+    runtime.tune_allocator()
     sys.orig_argv[:] = training.command
     import_packages(training.record["gym_packages"])
     folder, config, seed = Path(training.options.log_folder), training.config, training.options.seed
