@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -69,40 +71,46 @@ class StereoActor(Actor):
         return {**data, "hidden_norm": self.hidden_norm, "final_init": self.final_init}
 
 
-class QHead(nn.Module):
-    """Q(features, action); the action joins after the first hidden layer, the only one that is normalised.
+@contextmanager
+def frozen(*modules: nn.Module) -> Iterator[None]:
+    """Let gradients through these modules without any for their parameters, which this loss does not train."""
+    trained = [parameter for module in modules for parameter in module.parameters() if parameter.requires_grad]
+    for parameter in trained:
+        parameter.requires_grad_(False)
+    try:
+        yield
+    finally:
+        for parameter in trained:
+            parameter.requires_grad_(True)
 
-    With `motion`, what it foresees of an action joins too.
-    """
+
+class QHead(nn.Module):
+    """Q(features, action); the action joins after the first hidden layer, the only one that is normalised."""
 
     def __init__(
         self,
         features_dim: int,
-        action_dim: int,
+        joining_dim: int,
         net_arch: list[int],
         activation_fn: type[nn.Module],
         hidden_norm: str,
         final_init: float,
-        motion: MotionHeads | None,
     ) -> None:
         super().__init__()
         norms = hidden_norm_layers(hidden_norm)
         before = create_mlp(features_dim, 0, net_arch[:1], activation_fn, post_linear_modules=norms)
-        self._foresee = motion and motion.foresee  # not a submodule: another loss trains it
-        joining_dim = action_dim + (motion.foresight_dim if motion else 0)
         after = create_mlp(net_arch[0] + joining_dim, 1, net_arch[1:], activation_fn)
         self.before, self.after = nn.Sequential(*before), nn.Sequential(*after)
         initialise(self, "fan_in")
         _uniform(self.after[-1], final_init)
 
-    def forward(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
-        """Map features (batch, features_dim) and actions (batch, action_dim) to values (batch, 1)."""
-        return self.join(features, self.before(features), actions)
+    def forward(self, features: th.Tensor, joining: th.Tensor) -> th.Tensor:
+        """Map features (batch, features_dim) and what joins them (batch, joining_dim) to values (batch, 1)."""
+        return self.join(self.before(features), joining)
 
-    def join(self, features: th.Tensor, hidden: th.Tensor, actions: th.Tensor) -> th.Tensor:
+    def join(self, hidden: th.Tensor, joining: th.Tensor) -> th.Tensor:
         """`forward` with the first hidden layer (batch, net_arch[0]) at hand."""
-        foreseen = [self._foresee(features, actions)] if self._foresee else []
-        values: th.Tensor = self.after(th.cat([hidden, actions, *foreseen], dim=1))
+        values: th.Tensor = self.after(th.cat([hidden, joining], dim=1))
         return values
 
 
@@ -157,9 +165,10 @@ class StereoCritic(ContinuousCritic):
         )
         self.n_critics = n_critics
         self.memo: FeatureMemo | None = None
-        action_dim = get_action_dim(action_space)
+        self._motion = (motion,)  # the tuple hides it from torch's registry: another loss trains it
+        joining_dim = get_action_dim(action_space) + (motion.foresight_dim if motion else 0)
         for index in range(n_critics):
-            head = QHead(features_dim, action_dim, net_arch, activation_fn, hidden_norm, final_init, motion)
+            head = QHead(features_dim, joining_dim, net_arch, activation_fn, hidden_norm, final_init)
             self.add_module(f"qf{index}", head)
             self.q_networks.append(head)
 
@@ -173,16 +182,26 @@ class StereoCritic(ContinuousCritic):
         with th.set_grad_enabled(th.is_grad_enabled() and not borrowed):
             return self.memo(obs, compute)
 
+    def _joining(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """What joins the features in every head: the actions, and where they lead if that is known."""
+        (motion,) = self._motion
+        if motion is None:
+            return actions
+        with frozen(motion.prediction):
+            return th.cat([actions, motion.foresee(features, actions)], dim=1)
+
     def forward(self, obs: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
         """Return one tensor of values (batch, 1) per head."""
         features = self.extract_features(obs, self.features_extractor)
-        return tuple(head(features, actions) for head in self.q_networks)
+        joining = self._joining(features, actions)
+        return tuple(head(features, joining) for head in self.q_networks)
 
     def q1_forward(self, obs: th.Tensor, actions: th.Tensor) -> th.Tensor:
-        """Return the first head's values (batch, 1), with gradient to the actions only up to where they join."""
+        """Return the first head's values (batch, 1), with gradient to the actions and nothing else."""
         head = self.q_networks[0]
         assert isinstance(head, QHead)
         with th.no_grad():
             features = self.extract_features(obs, self.features_extractor)
             hidden = head.before(features)
-        return head.join(features, hidden, actions)
+        with frozen(head.after):
+            return head.join(hidden, self._joining(features, actions))

@@ -121,12 +121,12 @@ def test_critic_alone_trains_the_shared_encoder():
     model = ready_to_train(OURS)
     policy, (obs, actions) = model.policy, batch_of(model)
     policy.set_training_mode(True)
-    encoder = list(policy.critic.features_extractor.parameters())
     policy.critic.q1_forward(obs, policy.actor(obs)).mean().backward()
-    assert all(p.grad is None for p in encoder)
+    assert all(p.grad is None for p in policy.critic.parameters())
     assert all(p.grad is not None for p in policy.actor.parameters())
-    policy.critic(obs, actions)[0].mean().backward()
-    assert all(p.grad is not None and p.grad.abs().sum() > 0 for p in encoder)
+    sum(policy.critic(obs, actions)).mean().backward()
+    assert all(p.grad is not None for p in policy.critic.parameters())
+    assert all(p.grad.abs().sum() > 0 for p in policy.critic.features_extractor.parameters())
 
 
 def test_neither_loss_trains_what_learns_from_motion():
@@ -134,6 +134,8 @@ def test_neither_loss_trains_what_learns_from_motion():
     encoder, motion, critic = state(model.policy.encoder), state(model.policy.motion), state(model.critic)
     model.train(3, batch_size=8)
     assert same(encoder, state(model.policy.encoder)) and same(motion, state(model.policy.motion))
+    trained_elsewhere = [*model.policy.encoder.parameters(), *model.policy.motion.parameters()]
+    assert all(p.requires_grad and p.grad is None for p in trained_elsewhere)
     assert not same(critic, state(model.critic))
 
 
