@@ -18,6 +18,7 @@ import gymnasium as gym
 import pybullet
 
 from benchmarks.timing import Candidate, Parts, Worker, medians, on_one_core, peak_memory, serve, timed
+from sb3_stereo.envs import sight
 
 ENV_ID = "sb3_stereo:WamStereoReach-v0"
 N_STEPS = 10  # per time, to even out resets and what the candidate before left in the caches
@@ -59,13 +60,13 @@ def step_parts() -> dict[str, Candidate]:
     """Our environment again, with a stopwatch at each part of a step."""
     env = gym.make(ENV_ID)
     inner: Any = env.unwrapped
-    parts, module = Parts(), import_module(type(inner).__module__)
+    parts = Parts()
     watched = [
         patch.object(owner, name, parts.watch(part, getattr(owner, name)))
         for part, owner, name in (
             ("simulation", pybullet, "stepSimulation"),
             ("efforts", pybullet, "setJointMotorControlArray"),
-            ("blobs", module, "find_blobs"),
+            ("blobs", sight, "find_blobs"),
         )
     ]
     for camera in inner.cameras:

@@ -23,13 +23,10 @@ from sb3_stereo.envs.arguments import (
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.composite import Composite, Observation
-from sb3_stereo.envs.markers import find_blobs
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
-from sb3_stereo.envs.scene import BLUE, RED, add_ball, add_floor, empty_world
+from sb3_stereo.envs.scene import add_floor, empty_world
+from sb3_stereo.envs.sight import Eyes, Floats, Image, Sight
 from sb3_stereo.envs.specs import plain, quoted, require
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
 
@@ -40,9 +37,7 @@ class SavedState:
 
     bullet_id: int
     target_position: Floats
-    frames: tuple[Image, ...]
-    offsets: Floats
-    end_effector_position: Floats
+    sight: Sight
 
 
 class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -135,7 +130,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         efforts = spec.effort_limits if effort_limits is None else effort_limits
         self.effort_limits = bounded("effort_limits", efforts, n_joints)
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
-        self.markers = tuple(add_ball(self._client, colour, spec.marker_radius) for colour in (RED, BLUE))
+        self._eyes = Eyes(self._client, self.cameras, self.arm)
         self._start = self._client.saveState()
 
     @staticmethod
@@ -195,12 +190,12 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._place_arm_as_told(vector("joint_positions", told["joint_positions"], len(self.arm.limits)))
         else:
             self._place_arm_at_random()
-        return self.composite(self._frames), self._info(rewards.is_goal(self._distances, self.rho))
+        return self.composite(self._sight.frames), self._info(self._at_goal())
 
     def look(self) -> Observation:
         """What the cameras see of the arm as it stands, as an observation."""
         self._look()
-        return self.composite(self._frames)
+        return self.composite(self._sight.frames)
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
@@ -215,23 +210,21 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.arm.push(efforts.tolist(), self.n_pulse_steps)
         if self._braked:
             self.arm.brake()
-        previous = self._distances
+        previous = self._sight
         self._look()
-        current = self._distances
-        goal = rewards.is_goal(current, self.rho)
-        changes = rewards.distance_change(previous, current, self.distance_scale)
-        return self.composite(self._frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+        goal = self._at_goal()
+        changes = rewards.distance_change(previous.distances, self._sight.distances, self.distance_scale)
+        return self.composite(self._sight.frames), rewards.reward(changes, goal), goal, False, self._info(goal)
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
-        self._place_markers()
-        return tuple(camera.frame() for camera in self.cameras)
+        return self._eyes.draw(self._target_position)
 
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
         if self.render_mode != "rgb_array":
             return None
-        return np.hstack([frame[:, :, :3] for frame in self._frames])
+        return np.hstack([frame[:, :, :3] for frame in self._sight.frames])
 
     def close(self) -> None:
         """Disconnect from Bullet; a second call does nothing."""
@@ -240,21 +233,12 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
     # ------------------------------------------------------------------------------------------------ snapshots
     def save_state(self) -> SavedState:
         """Everything that the coming steps depend on. Free it with `remove_state`."""
-        return SavedState(
-            self._client.saveState(),
-            self._target_position,
-            self._frames,
-            self._offsets,
-            self._end_effector_position,
-        )
+        return SavedState(self._client.saveState(), self._target_position, self._sight)
 
     def restore_state(self, state: SavedState) -> None:
         """Go back to a saved state, exactly; it may be restored any number of times."""
         self._client.restoreState(state.bullet_id)
-        self._target_position = state.target_position
-        self._frames = state.frames
-        self._set_offsets(state.offsets)
-        self._end_effector_position = state.end_effector_position
+        self._target_position, self._sight = state.target_position, state.sight
 
     def remove_state(self, state: SavedState) -> None:
         """Free a saved state."""
@@ -288,7 +272,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             if self._place_arm_anywhere():
                 n_free += 1
                 self._look()
-                if not rewards.is_goal(self._distances, self.rho):
+                if not self._at_goal():
                     return
         found = f"of {MAX_DRAWS} random poses {n_free} are free of collisions, and none is away from the goal"
         raise ValueError(f"{found}; give the arm more room, or a smaller rho")
@@ -299,7 +283,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             if self._place_arm_anywhere():
                 self._target_position = self.arm.end_effector_position
                 self._look()
-                if rewards.is_goal(self._distances, self.rho):
+                if self._at_goal():
                     return
         raise ValueError(f"no target in {MAX_DRAWS} draws; move the cameras so that all of them see the arm's hand")
 
@@ -310,29 +294,17 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     # ------------------------------------------------------------------------------------------------ the view
     def _look(self) -> None:
-        """Take the frames and measure the markers' offset in each."""
-        self._place_markers()
-        # Each frame is measured while the processor's cache still holds it.
-        views = [(frame, find_blobs(frame).offset) for frame in map(Camera.frame, self.cameras)]
-        self._frames = tuple(frame for frame, _ in views)
-        self._set_offsets(np.array([offset for _, offset in views]))
+        self._sight = self._eyes.look(self._target_position)
 
-    def _place_markers(self) -> None:
-        """Put the red marker where the end effector is, and the blue one at the target."""
-        self._end_effector_position = self.arm.end_effector_position
-        for ball, position in zip(self.markers, (self._end_effector_position, self._target_position), strict=True):
-            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
-
-    def _set_offsets(self, offsets: Floats) -> None:
-        """Remember the offsets, shape (n_views, 2) in [px], and their lengths, d(t) of Eq. 2."""
-        self._offsets, self._distances = offsets, np.hypot(offsets[:, 0], offsets[:, 1])
+    def _at_goal(self) -> bool:
+        return rewards.is_goal(self._sight.distances, self.rho)
 
     def _info(self, goal: bool) -> dict[str, Any]:
         return {
             "is_success": goal,
-            "pixel_distances": self._distances.copy(),
-            "pixel_offsets": self._offsets.copy(),
+            "pixel_distances": self._sight.distances.copy(),
+            "pixel_offsets": self._sight.offsets.copy(),
             "joint_positions": self.arm.joint_positions,
-            "end_effector_position": self._end_effector_position,
+            "end_effector_position": self._sight.end_effector_position,
             "target_position": self._target_position.copy(),
         }

@@ -93,7 +93,7 @@ def test_blobs_are_where_the_markers_are(env: StereoReachEnv) -> None:
         for view, camera in enumerate(env.cameras):
             frame, _, bodies = camera.draw()
             blobs = sb3_stereo.envs.markers.find_blobs(frame)
-            for marker, body, expected in zip(blobs, (env.markers), camera.spec.project(positions), strict=True):
+            for marker, body, expected in zip(blobs, env._eyes.markers, camera.spec.project(positions), strict=True):
                 mask = bodies == body
                 if np.isnan(marker).any():
                     assert mask.sum() < 12  # a sliver, or nothing

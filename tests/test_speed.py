@@ -214,7 +214,8 @@ def test_the_quick_run_prints_one_object_and_writes_nothing() -> None:
     command = [sys.executable, "-m", "benchmarks.speed", "--quick", "--json"]
     done = subprocess.run(command, cwd=HERE.parent, stdout=subprocess.PIPE, text=True, check=True)
     printed = json.loads(done.stdout)
-    for name in ("env_scaling_2", "ddpg_update_vs_sb3", "dqn_update_vs_sb3", "overhead_fraction", "step_vs_bare"):
+    for name in ("env_scaling_2", "ddpg_update_vs_sb3", "dqn_update_vs_sb3", "step_vs_bare"):
         assert printed[name] > 0
+    assert printed["overhead_fraction"] < 1  # on a busy machine medians of the parts may exceed that of the whole
     assert {"env_vs_panda_gym", "env_vs_fetch"} <= printed.keys()  # null where the peer is not installed
     assert before == ((HERE / "results" / "speed.json").read_bytes(), (HERE / "SPEED.md").read_bytes())

@@ -1,0 +1,75 @@
+"""What the cameras see of the end effector and the target, whose markers are balls that touch nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.cameras import Camera
+from sb3_stereo.envs.markers import find_blobs
+from sb3_stereo.envs.scene import BLUE, RED, add_ball
+from sb3_stereo.envs.simulation import Client
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One look.
+
+    Attributes:
+        frames: RGBA of each view, (height, width, 4), uint8.
+        offsets: Where the end effector is from the target in each view, (n_views, 2) in [px]; nan where a marker is
+            hidden.
+        end_effector_position: Shape (3,), in [m], world.
+    """
+
+    frames: tuple[Image, ...]
+    offsets: Floats
+    end_effector_position: Floats
+
+    @cached_property
+    def distances(self) -> Floats:
+        """d(t) of Eq. 2, shape (n_views,), in [px]."""
+        return np.hypot(self.offsets[:, 0], self.offsets[:, 1])
+
+
+class Eyes:
+    """The cameras, and the markers that they look for.
+
+    Args:
+        client: Where the markers are added.
+        cameras: One per view.
+        arm: Whose end effector is marked in red.
+    """
+
+    def __init__(self, client: Client, cameras: Sequence[Camera], arm: Arm) -> None:
+        self._client, self._cameras, self._arm = client, cameras, arm
+        self.markers = tuple(add_ball(client, colour, arm.spec.marker_radius) for colour in (RED, BLUE))
+
+    def look(self, target_position: Floats) -> Sight:
+        """Take the frames and measure the markers' offset in each.
+
+        Args:
+            target_position: Shape (3,), in [m], world.
+        """
+        position = self._place_markers(target_position)
+        # Each frame is measured while the processor's cache still holds it.
+        views = [(frame, find_blobs(frame).offset) for frame in map(Camera.frame, self._cameras)]
+        return Sight(tuple(frame for frame, _ in views), np.array([offset for _, offset in views]), position)
+
+    def draw(self, target_position: Floats) -> tuple[Image, ...]:
+        """Take the frames only."""
+        self._place_markers(target_position)
+        return tuple(camera.frame() for camera in self._cameras)
+
+    def _place_markers(self, target_position: Floats) -> Floats:
+        """Put the red marker where the end effector is, which is returned, and the blue one at the target."""
+        end_effector_position = self._arm.end_effector_position
+        for ball, position in zip(self.markers, (end_effector_position, target_position), strict=True):
+            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
+        return end_effector_position
