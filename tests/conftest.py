@@ -32,3 +32,14 @@ def env() -> Iterator[Any]:
     env = StereoReachEnv(render_mode="rgb_array")
     yield env
     env.close()
+
+
+@pytest.fixture
+def client() -> Iterator[Any]:
+    """A simulation in which nothing is yet."""
+    from sb3_stereo.envs.simulation import Client
+
+    client = Client()
+    client.setTimeStep(1 / 240)
+    yield client
+    client.close()
