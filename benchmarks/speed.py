@@ -27,6 +27,21 @@ HERE = Path(__file__).parent
 
 Numbers = dict[str, float]
 
+RATIOS = {  # what each is, and what we want of it
+    "env_vs_panda_gym": ("environment steps per second, against panda-gym", "≥ 15"),
+    "env_with_floor_vs_panda_gym": ("the same with a drawn floor", "≥ 15"),
+    "env_vs_fetch": ("environment steps per second, against FetchReach", "≥ 3"),
+    "step_vs_bare": ("time of an environment step, against its bare simulation and pictures", "≤ 1.3"),
+    "overhead_fraction": ("share of a step outside these", "≤ 0.15"),
+    "env_scaling_2": ("environment steps in two processes, against twice one", "≥ 0.8"),
+    "env_scaling_4": ("in four, against four times one", ""),
+    "ddpg_update_vs_sb3": ("gradient steps per second of DDPG, against SB3", "≥ 3.5"),
+    "dqn_update_vs_sb3": ("gradient steps per second of DQN, against SB3", "≥ 2.5"),
+    "dqn_nature_update_vs_sbx": ("the same with the network of Mnih et al., against sbx", ""),
+    "ddpg_predict_vs_sb3": ("predictions per second of DDPG, against SB3", ""),
+    "dqn_predict_vs_sb3": ("predictions per second of DQN, against SB3", ""),
+}
+
 
 def ratios(envs: Numbers, rates: Numbers, updates: Numbers, predictions: Numbers) -> dict[str, float | None]:
     """The claims; None where a peer is missing."""
@@ -34,7 +49,7 @@ def ratios(envs: Numbers, rates: Numbers, updates: Numbers, predictions: Numbers
     def over(table: Numbers, peer: str, own: str) -> float | None:
         return round(table[peer] / table[own], 2) if peer in table else None
 
-    return {
+    found: dict[str, float | None] = {
         "env_vs_panda_gym": over(envs, "panda-gym", "ours"),
         "env_with_floor_vs_panda_gym": over(envs, "panda-gym", "ours, with a floor"),
         "env_vs_fetch": over(envs, "FetchReach", "ours"),
@@ -48,6 +63,7 @@ def ratios(envs: Numbers, rates: Numbers, updates: Numbers, predictions: Numbers
         "overhead_fraction": round(1 - envs["ours, bare"] / envs["ours"], 3),
         "step_vs_bare": over(envs, "ours", "ours, bare"),
     }
+    return {name: found[name] for name in RATIOS}
 
 
 def measure(rounds: int, threads: int) -> dict[str, Any]:
@@ -73,11 +89,15 @@ def measure(rounds: int, threads: int) -> dict[str, Any]:
     }
 
 
+def shown(value: float | None) -> str:
+    """Four digits, or a dash."""
+    return "–" if value is None else f"{value:.4g}"
+
+
 def report(result: dict[str, Any]) -> str:
     """`SPEED.md`: a table for everything that the record has."""
     threads = f"{result['threads']} thread(s)"
     titles = {
-        "ratios": "ratio",
         "ms_per_env_step": "ms per environment step with two 320 x 240 views, on one core",
         "ms_per_env_step_part": "ms of an environment step, on one core",
         "env_steps_per_second": "environment steps per second in so many processes",
@@ -91,11 +111,15 @@ def report(result: dict[str, Any]) -> str:
         "",
         "Written by `python -m benchmarks.speed`; do not edit. Medians of interleaved rounds in one run.",
         "",
+        "| ratio | wanted | measured |",
+        "| --- | --- | --- |",
+        *(f"| {' | '.join(RATIOS[name])} | {shown(value)} |" for name, value in result["ratios"].items()),
+        "",
     ]
     for key, title in titles.items():
         if key in result:
             lines += [f"| {title} | |", "| --- | --- |"]
-            lines += [f"| {name} | {'–' if value is None else f'{value:.4g}'} |" for name, value in result[key].items()]
+            lines += [f"| {name} | {shown(value)} |" for name, value in result[key].items()]
             lines += [""]
     if "training_steps_per_second" in result:
         lines += [f"Such a training takes {result['training_steps_per_second']:.3g} environment steps per second.", ""]

@@ -12,9 +12,11 @@ one network only, that of Mnih et al. 2015, so that is what "dqn_nature" has.
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from importlib.util import find_spec
+from statistics import median
 from typing import Any
 
 from benchmarks.timing import Worker, medians, serve, timed
@@ -23,6 +25,7 @@ SHAPE = (1, 84, 84)
 KERNELS, STRIDES = (3, 3, 3), (2, 2, 2)
 BATCH_SIZE, N_STORED = 100, 400
 N_UPDATES, N_PREDICTIONS = 2, 50  # per time
+ROUNDS_PER_PROCESS = 4
 LEARNERS = [(algo, whose) for algo in ("ddpg", "dqn") for whose in ("ours", "sb3")]
 LEARNERS_LIKE_SBX = [("dqn_nature", whose) for whose in ("ours", "sbx")]
 
@@ -97,9 +100,21 @@ def make_model(algo: str, whose: str) -> Any:
 
 
 def measure_updates(rounds: int, threads: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Milliseconds per gradient step, and per prediction, of the same networks."""
+    """Milliseconds per gradient step, and per prediction, of the same networks: medians over fresh processes.
+
+    It depends on the process, on where glibc happens to put what, whether SB3's gradient step takes 16 000 page faults
+    or 150 000, and so 440 ms or 760.
+    """
     if find_spec("sbx") is None:
         print("sbx is left out: it is not installed", file=sys.stderr)
+    rounds_each = min(rounds, ROUNDS_PER_PROCESS)
+    found = [measure_processes(rounds_each, threads) for _ in range(round(rounds / rounds_each))]
+    updates, predictions = zip(*found, strict=True)
+    return medians_of(updates, 1000 / N_UPDATES), medians_of(predictions, 1000 / N_PREDICTIONS)
+
+
+def measure_processes(rounds: int, threads: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Seconds per candidate's "update" and "predict", with one process for each learner."""
     with ExitStack() as stack:
         workers = {
             f"{algo}, {whose}": stack.enter_context(Worker("benchmarks.updates", algo, whose, str(threads)))
@@ -109,10 +124,12 @@ def measure_updates(rounds: int, threads: int) -> tuple[dict[str, float], dict[s
             medians({name: worker.candidate(what) for name, worker in workers.items()}, rounds)
             for what in ("update", "predict")
         )
-    return (
-        {name: 1000 * seconds / N_UPDATES for name, seconds in updates.items()},
-        {name: 1000 * seconds / N_PREDICTIONS for name, seconds in predictions.items()},
-    )
+    return updates, predictions
+
+
+def medians_of(tables: Sequence[dict[str, float]], scale: float) -> dict[str, float]:
+    """The median of each entry over the tables, times `scale`."""
+    return {name: scale * median(table[name] for table in tables) for name in tables[0]}
 
 
 def main() -> None:

@@ -131,6 +131,24 @@ def test_the_parts_of_a_training_step_are_all_timed(monkeypatch: pytest.MonkeyPa
     assert trainings.memory(model)() > 2 * 10_000 * 84 * 84 / 2**20  # what the images alone take
 
 
+def test_updates_are_medians_over_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def processes(rounds: int, threads: int) -> tuple[dict[str, float], dict[str, float]]:
+        asked.append(rounds)
+        return {"ddpg, ours": [5.0, 1.0, 3.0][len(asked) - 1]}, {"ddpg, ours": float(threads)}
+
+    monkeypatch.setattr(updates, "measure_processes", processes)
+    monkeypatch.setattr(updates, "N_UPDATES", 2)
+    monkeypatch.setattr(updates, "N_PREDICTIONS", 10)
+    monkeypatch.setattr(updates, "ROUNDS_PER_PROCESS", 4)
+    assert updates.measure_updates(13, threads=1) == ({"ddpg, ours": 1500.0}, {"ddpg, ours": 100.0})
+    assert asked == [4, 4, 4]
+    asked.clear()
+    updates.measure_updates(3, threads=1)
+    assert asked == [3]
+
+
 def test_ratios_say_how_many_times_ours_is_faster() -> None:
     found = speed.ratios(ENVS, {"1": 100.0, "2": 180.0, "4": 300.0}, UPDATES, PREDICTIONS)
     assert found == {
@@ -166,13 +184,21 @@ def test_the_committed_report_is_the_committed_records() -> None:
     assert (HERE / "SPEED.md").read_text(encoding="utf-8") == speed.report(record)
 
 
+@pytest.mark.parametrize("name", ["README.md", "docs/speed.md"])
+def test_quoted_ratios_are_the_committed_ones(name: str) -> None:
+    text = (HERE.parent / name).read_text(encoding="utf-8")
+    quoted = text.split("<!-- ratios -->\n")[1].split("<!-- end of ratios -->")[0].splitlines()
+    report = (HERE / "SPEED.md").read_text(encoding="utf-8").splitlines()
+    assert len(quoted) > 6 and set(quoted) <= set(report)
+
+
 def test_the_report_has_what_the_record_has_and_a_dash_for_a_peer_that_was_missing() -> None:
     record = {"ratios": {"env_vs_fetch": None}, "peak_memory": {"training": 512.25}, "threads": 1}
     text = speed.report({**record, "training_steps_per_second": 12.3456, "machine": "4 cores", "versions": "python 3"})
     assert text.split("\n")[4:] == [
-        "| ratio | |",
-        "| --- | --- |",
-        "| env_vs_fetch | – |",
+        "| ratio | wanted | measured |",
+        "| --- | --- | --- |",
+        "| environment steps per second, against FetchReach | ≥ 3 | – |",
         "",
         "| peak memory of a process in MiB | |",
         "| --- | --- |",
