@@ -31,6 +31,7 @@ ENV_ID = "WamStereoReach-v0"
 WAM_MIRRORED_JOINTS = (0, 2)  # J1 and J3
 BATCH_SIZE = 100
 N_TEST = 2000
+N_PARTS = 4
 EPISODE_LENGTH = 20  # shorter than the environment's: more poses
 
 
@@ -64,9 +65,9 @@ def collect(n: int, seed: int) -> Transitions:
 
 
 def collect_in_parallel(n: int, seed: int, n_workers: int) -> Transitions:
-    """`collect` over processes, each with its own seed."""
+    """`collect` in `N_PARTS` parts, each with its own seed, over processes: the same, however many there are."""
     with ProcessPoolExecutor(n_workers) as pool:
-        parts = pool.map(collect, [n // n_workers] * n_workers, range(seed, seed + n_workers))
+        parts = pool.map(collect, [n // N_PARTS] * N_PARTS, range(seed, seed + N_PARTS))
     return Transitions(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 

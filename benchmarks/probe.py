@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 TEST_SHARE = 0.1
+N_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,10 @@ def collect(n_poses: int, seed: int, random_target: bool) -> Poses:
 
 
 def collect_in_parallel(n_poses: int, seed: int, random_target: bool, n_workers: int) -> Poses:
-    """`collect` over processes, each with its own seed."""
+    """`collect` in `N_PARTS` parts, each with its own seed, over processes: the same, however many there are."""
     with ProcessPoolExecutor(n_workers) as pool:
-        share = [n_poses // n_workers] * n_workers
-        parts = list(pool.map(collect, share, range(seed, seed + n_workers), [random_target] * n_workers))
+        share = [n_poses // N_PARTS] * N_PARTS
+        parts = list(pool.map(collect, share, range(seed, seed + N_PARTS), [random_target] * N_PARTS))
     return Poses(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("images", "joints", "markers")))
 
 

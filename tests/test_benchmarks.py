@@ -44,3 +44,11 @@ def test_the_planner_finds_the_way_back_to_the_target(displacement: float, fewes
     rng = np.random.default_rng(0)
     # J1 alone turns the end effector away; a full pulse turns it back by about a radian.
     assert planner.fewest_steps(pose - np.array([displacement, 0, 0, 0]), rng) <= fewest
+
+
+def test_what_is_collected_does_not_depend_on_the_number_of_workers() -> None:
+    poses = [probe.collect_in_parallel(8, 0, False, n_workers).images for n_workers in (1, 3)]
+    transitions = [generalisation.collect_in_parallel(8, 0, n_workers).observations for n_workers in (1, 3)]
+    for one, three in (poses, transitions):
+        assert len(one) == 8
+        np.testing.assert_array_equal(one, three)
