@@ -49,10 +49,12 @@ def ratios(envs: Numbers, rates: Numbers, updates: Numbers, predictions: Numbers
     def over(table: Numbers, peer: str, own: str) -> float | None:
         return round(table[peer] / table[own], 2) if peer in table else None
 
-    found: dict[str, float | None] = {
+    return {
         "env_vs_panda_gym": over(envs, "panda-gym", "ours"),
         "env_with_floor_vs_panda_gym": over(envs, "panda-gym", "ours, with a floor"),
         "env_vs_fetch": over(envs, "FetchReach", "ours"),
+        "step_vs_bare": over(envs, "ours", "ours, bare"),
+        "overhead_fraction": round(1 - envs["ours, bare"] / envs["ours"], 3),
         "env_scaling_2": round(rates["2"] / (2 * rates["1"]), 2),
         "env_scaling_4": round(rates["4"] / (4 * rates["1"]), 2),
         "ddpg_update_vs_sb3": over(updates, "ddpg, sb3", "ddpg, ours"),
@@ -60,10 +62,7 @@ def ratios(envs: Numbers, rates: Numbers, updates: Numbers, predictions: Numbers
         "dqn_nature_update_vs_sbx": over(updates, "dqn_nature, sbx", "dqn_nature, ours"),
         "ddpg_predict_vs_sb3": over(predictions, "ddpg, sb3", "ddpg, ours"),
         "dqn_predict_vs_sb3": over(predictions, "dqn, sb3", "dqn, ours"),
-        "overhead_fraction": round(1 - envs["ours, bare"] / envs["ours"], 3),
-        "step_vs_bare": over(envs, "ours", "ours, bare"),
     }
-    return {name: found[name] for name in RATIOS}
 
 
 def measure(rounds: int, threads: int) -> dict[str, Any]:
