@@ -63,14 +63,16 @@ class Planner:
         return False
 
     def _distance_after(self, start: Any, plan: Floats) -> float:
-        """Mean distance of the projected markers after a plan, in [px], whatever hides them."""
+        """Mean distance of the projected markers after a plan, in the success frame's [px], whatever hides them."""
         env = self.env
         env.restore_state(start)
         for action in plan:
             env.arm.push((action * env.effort_limits).tolist(), env.n_pulse_steps)
-            env.arm.brake()
+            if env.braked:
+                env.arm.brake()
         markers = np.stack([env.arm.end_effector_position, start.target_position])
-        return float(np.mean([np.linalg.norm(np.subtract(*c.spec.project(markers))) for c in env.cameras]))
+        offsets = np.array([np.subtract(*camera.spec.project(markers)) for camera in env.cameras])
+        return float(env.success_distances(offsets).mean())
 
     def _reaches(self, start: Any, plan: Floats) -> bool:
         self.env.restore_state(start)

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo.envs.cameras import CameraSpec
-from sb3_stereo.envs.specs import MAX_NUMBER, as_number, fit, quoted, require
+from sb3_stereo.envs.composite import HEIGHT, WIDTH
+from sb3_stereo.envs.specs import MAX_NUMBER, as_number, fit, quoted, require, require_known
 
 Floats = NDArray[np.float64]
 
 MAX_PULSE_STEPS = 100_000  # some seconds of computing
 MAX_PHYSICS_RATE = 100_000  # [Hz]
 RESET_OPTIONS = ("joint_positions", "target_position")
+SUCCESS_FRAMES = ("frame", "observation")
 
 
 def check_render_mode(mode: object, modes: Sequence[str]) -> None:
@@ -30,12 +32,24 @@ def check_flags(**flags: object) -> None:
         fit(flag, bool, name)
 
 
-def check_pictures(views: Sequence[CameraSpec], rho: float) -> None:
-    """Raise a ValueError unless all pictures have one size, and distances in them can be more than `rho`."""
+def check_pictures(views: Sequence[CameraSpec]) -> None:
+    """Raise a ValueError unless all pictures have one size."""
     sizes = {f"{view.width} x {view.height}" for view in views}
     require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
-    diagonal = math.hypot(views[0].width, views[0].height)
+
+
+def success_scale(success_frame: object, view: CameraSpec, rho: float) -> Floats:
+    """Pixels of the success frame per pixel of a camera's frame, shape (2,): along its width and its height.
+
+    Raises:
+        ValueError: If the success frame is unknown, or no distance in it is more than `rho`.
+    """
+    require_known("success_frame", success_frame, SUCCESS_FRAMES, "success frames")
+    frame = np.array([view.width, view.height], dtype=np.float64)
+    size = frame if success_frame == "frame" else np.array([WIDTH, HEIGHT], dtype=np.float64)
+    diagonal = math.hypot(*size)
     require(rho < diagonal, f"rho is {rho:g}; give less than {diagonal:.0f} px, the diagonal of a picture")
+    return size / frame
 
 
 def checked_reset_options(options: Any) -> Mapping[str, Any]:

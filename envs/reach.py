@@ -17,6 +17,7 @@ from sb3_stereo.envs.arguments import (
     check_render_mode,
     checked_reset_options,
     positive,
+    success_scale,
     timing,
     vector,
 )
@@ -62,16 +63,25 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         random_target: Draw the target anew at every reset that does not set it: where the end effector is at a
             random free pose, if that pose is a goal (all cameras see both markers there).
         rho: Mean pixel distance that counts as reached, in [px] (the paper's 10).
+        success_frame: In whose pixels `rho` counts: those of the camera's "frame", or those of the "observation", to
+            which the frame's centroids are scaled: section 3.2, "320 x 240 RGB images captured by the cameras are
+            resized to 84 x 42", read before section 3.3, "we detect these color blobs from the images". The reward's
+            changes of distance (Eq. 2) stay in the frame's pixels: their normalisation is free in any case.
         distance_scale: Pixels by which a change of distance is divided (Eq. 2's normalisation): about the largest
             that one pulse makes.
-        pulse_duration: How long an action's efforts last, in [s].
+        initial_positions: Of the actuated joints, in [rad], where episodes begin, unless `reset` says otherwise; None
+            for random ones. Section 5.1: "when starting from the same initial pose, our agent learns the reaching
+            task within just 1500 iterations". A drawn target may be reached there already.
+        pulse_duration: How long an action's efforts last, in [s]. The paper does not say: "continuous efforts applied
+            at each joint" (section 3.1).
         physics_rate: Simulation steps per second, in [Hz], at least 240.
         effort_limits: Effort of a full action per actuated joint, in [N m], positive; None for the arm's own.
         damping: Viscous damping per actuated joint, in [N m s/rad]; None for the arm's own.
         gravity_compensation: Cancel the arm's weight, as the WAM's controller always does. The compensation is
             ideal: its torques cancel gravity's at every instant, which is the motion without gravity.
         brake: Stop the joints after each pulse. Without it they coast into the next one, and an image no longer
-            tells the state.
+            tells the state. Without gravity compensation as well, an effort lasts until the next one replaces it, as
+            in Gazebo's effort controllers ("simulated in Gazebo using ROS Indigo", section 5).
         floor: Draw the floor. It is solid in any case.
 
     Raises:
@@ -91,7 +101,9 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         target_position: Sequence[float] = (0.5, 0.0, 0.6),
         random_target: bool = False,
         rho: float = 10.0,
+        success_frame: str = "frame",
         distance_scale: float = 100.0,
+        initial_positions: Sequence[float] | None = None,
         pulse_duration: float = 0.5,
         physics_rate: float = 240.0,
         effort_limits: Sequence[float] | None = None,
@@ -105,9 +117,10 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
         check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
         spec, views = arm_spec(arm), camera_specs(cameras)
-        check_pictures(views, rho)
+        check_pictures(views)
+        self._success_scale = success_scale(success_frame, views[0], rho)
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
-        self._braked = brake
+        self.braked = brake
         self.n_pulse_steps = n_pulse_steps
         self._default_target = self._target_position = bounded("target_position", target_position, 3)
         self.random_target = random_target
@@ -132,6 +145,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
         self._eyes = Eyes(self._client, self.cameras, self.arm)
         self._start = self._client.saveState()
+        self._initial_positions = None if initial_positions is None else self._checked_start(initial_positions)
 
     @staticmethod
     def plain_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:
@@ -187,7 +201,9 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         else:
             self._target_position = bounded("target_position", told.get("target_position", self._default_target), 3)
         if "joint_positions" in told:
-            self._place_arm_as_told(vector("joint_positions", told["joint_positions"], len(self.arm.limits)))
+            self._place_arm_as_told("joint_positions", told["joint_positions"])
+        elif self._initial_positions is not None:
+            self._place_arm_as_told("initial_positions", self._initial_positions)
         else:
             self._place_arm_at_random()
         return self.composite(self._sight.frames), self._info(self._at_goal())
@@ -208,13 +224,25 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
         self.arm.push(efforts.tolist(), self.n_pulse_steps)
-        if self._braked:
+        if self.braked:
             self.arm.brake()
         previous = self._sight
         self._look()
         goal = self._at_goal()
         changes = rewards.distance_change(previous.distances, self._sight.distances, self.distance_scale)
         return self.composite(self._sight.frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+
+    def success_distances(self, offsets: Floats) -> Floats:
+        """The distances whose mean `rho` is compared with.
+
+        Args:
+            offsets: From target to end effector in the cameras' frames, shape (..., 2), in [px].
+
+        Returns:
+            Their lengths in the success frame, shape (...), in [px].
+        """
+        scaled = offsets * self._success_scale
+        return np.asarray(np.hypot(scaled[..., 0], scaled[..., 1]))
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
@@ -254,17 +282,26 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.arm.rest_at(positions)
         return free
 
-    def _place_arm_as_told(self, positions: Floats) -> None:
+    def _place_arm_as_told(self, name: str, value: ArrayLike) -> None:
+        """Rest the arm at the `value` of the option `name`, shape (n_joints,), in [rad], and look."""
+        positions = vector(name, value, len(self.arm.limits))
         low, high = self.arm.limits.T
         require(
             bool(np.all((low <= positions) & (positions <= high))),
-            f"joint_positions {positions.tolist()} are outside the limits {self.arm.limits.tolist()}",
+            f"{name} {positions.tolist()} are outside the limits {self.arm.limits.tolist()}",
         )
         require(
             self._place_arm(positions),
-            f"joint_positions {positions.tolist()} collide; choose a pose clear of the arm itself and the floor",
+            f"{name} {positions.tolist()} collide; choose a pose clear of the arm itself and the floor",
         )
         self._look()
+
+    def _checked_start(self, value: ArrayLike) -> Floats:
+        """`initial_positions`, shape (n_joints,), where the arm is free, and away from a target that is not drawn."""
+        self._place_arm_as_told("initial_positions", value)
+        away = self.random_target or not self._at_goal()
+        require(away, f"initial_positions {quoted(value)} are a goal already; choose a pose away from the target")
+        return self.arm.actuated_positions
 
     def _place_arm_at_random(self) -> None:
         n_free = 0
@@ -297,7 +334,7 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._sight = self._eyes.look(self._target_position)
 
     def _at_goal(self) -> bool:
-        return rewards.is_goal(self._sight.distances, self.rho)
+        return rewards.is_goal(self.success_distances(self._sight.offsets), self.rho)
 
     def _info(self, goal: bool) -> dict[str, Any]:
         return {
