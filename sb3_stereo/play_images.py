@@ -31,11 +31,7 @@ class Answer(NamedTuple):
     views: list[View]
     observation: Any
     efforts: list[Effort]
-
-    @property
-    def distance(self) -> float:
-        """Mean distance of the markers over the views, in [px] of the frames; nan if a marker is hidden."""
-        return float(np.mean([np.hypot(*view.blobs.offset) for view in self.views]))
+    distance: float  # of the markers, mean over the views, in [px] of the task's success frame; nan if one is hidden
 
 
 class Player:
@@ -50,7 +46,7 @@ class Player:
         self.model, self.env = model, env
         task: Any = env.unwrapped
         self.rho, self.limits, self.joints = task.rho, task.effort_limits, task.arm.spec.joints
-        self.composite = task.composite
+        self.composite, self._success_distances = task.composite, task.success_distances
         self.cameras = [camera.spec for camera in task.cameras]
 
     def answer(self, images: Sequence[tuple[str, Image]]) -> Answer:
@@ -62,7 +58,8 @@ class Player:
         observation = observe([view.frame for view in views], self.composite)
         action, _ = self.model.predict(observation, deterministic=True)
         efforts = [Effort(*known) for known in zip(self.joints, *self.efforts(action), strict=True)]
-        return Answer(tuple(name for name, _ in images), views, observation, efforts)
+        distances = self._success_distances(np.array([view.blobs.offset for view in views]))
+        return Answer(tuple(name for name, _ in images), views, observation, efforts, float(distances.mean()))
 
     def efforts(self, action: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The efforts [N m] of an action and their shares of the limits, (n_joints,) each."""

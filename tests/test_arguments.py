@@ -65,6 +65,18 @@ def test_actions_outside_the_space_are_clipped(env: StereoReachEnv) -> None:
         ({"pulse_duration": float("nan")}, "pulse_duration is nan; give a positive number"),
         ({"rho": None}, "rho is None; give a positive number"),
         ({"rho": 1e9}, "rho is 1e+09; give less than 400 px, the diagonal of a picture"),
+        ({"rho": 95, "success_frame": "observation"}, "rho is 95; give less than 94 px, the diagonal of a picture"),
+        ({"success_frame": "84x42"}, "unknown success_frame '84x42'; success frames are frame, observation"),
+        ({"success_frame": None}, "unknown success_frame None; success frames are frame, observation"),
+        ({"initial_positions": (0, 0, 0)}, "initial_positions has shape (3,); give (4,)"),
+        (
+            {"initial_positions": (0, 3, 0, 0)},
+            f"initial_positions [0.0, 3.0, 0.0, 0.0] are outside the limits {LIMITS}",
+        ),
+        (
+            {"initial_positions": (0, 2, 0, 1.5)},
+            "initial_positions [0.0, 2.0, 0.0, 1.5] collide; choose a pose clear of the arm itself and the floor",
+        ),
         ({"physics_rate": 60}, "physics_rate is 60; give at least 240 Hz"),
         ({"physics_rate": 1e6}, "physics_rate is 1000000.0; give at most 100000 Hz"),
         (
