@@ -63,6 +63,13 @@ def checked_reset_options(options: Any) -> Mapping[str, Any]:
     return checked
 
 
+def checked_seed(seed: Any) -> int | None:
+    """`reset`'s seed as Gymnasium takes it; NumPy's integers are integers."""
+    integer = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    require(seed is None or (integer and seed >= 0), f"seed is {quoted(seed)}; give an integer of at least 0, or None")
+    return None if seed is None else int(seed)
+
+
 def positive(name: str, value: Any) -> float:
     """`value` as a positive number."""
     number = as_number(value) or 0.0

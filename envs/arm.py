@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -168,19 +168,30 @@ class Arm:
         """Stop every joint where it is: an ideal brake."""
         self.rest_at([state[0] for state in self._client.getJointStates(self.body, self.actuated)])
 
-    def push(self, efforts: Sequence[float], n_steps: int) -> None:
+    def push(
+        self,
+        efforts: Sequence[float],
+        n_steps: int,
+        on_part: Callable[[int], object] | None = None,
+        n_parts: int = 1,
+    ) -> None:
         """Apply constant efforts to the actuated joints.
 
         Args:
             efforts: One per actuated joint, in [N m].
             n_steps: Simulation steps to apply them for; Bullet forgets an effort after each.
+            on_part: Called between the parts of the pulse with the number of parts done; the motion stays the same.
+            n_parts: Equal parts of a pulse, to a simulation step.
         """
         # Bullet's own functions: the client's wrapper around each costs a tenth of a simulation step.
         apply, step, client = pybullet.setJointMotorControlArray, pybullet.stepSimulation, self._client.number
         body, joints, torque = self.body, self.actuated, pybullet.TORQUE_CONTROL
-        for _ in range(n_steps):
-            apply(body, joints, torque, forces=efforts, physicsClientId=client)
-            step(client)
+        for part in range(n_parts):
+            if part and on_part:
+                on_part(part)
+            for _ in range(n_steps * part // n_parts, n_steps * (part + 1) // n_parts):
+                apply(body, joints, torque, forces=efforts, physicsClientId=client)
+                step(client)
 
     def contacts(self) -> set[str]:
         """What touches: two of the arm's links, or a link and what is not of the arm."""

@@ -163,7 +163,7 @@ class Camera:
 
     def __init__(self, spec: CameraSpec, client: Any) -> None:
         self.spec = spec
-        self._draw = client.getCameraImage
+        self._client = client  # asked for its number at every draw: once closed, Bullet gives that to another
         self._options = {
             "width": spec.width,
             "height": spec.height,
@@ -184,7 +184,7 @@ class Camera:
 
     def draw(self) -> tuple[Frame, NDArray[np.float32], NDArray[np.int32]]:
         """Draw the bodies: colour (height, width, 4) RGBA, depth and body ids (height, width)."""
-        _, _, frame, depth, bodies = self._draw(**self._options)
+        _, _, frame, depth, bodies = pybullet.getCameraImage(**self._options, physicsClientId=self._client.number)
         return frame, depth, bodies
 
     def frame(self) -> Frame:

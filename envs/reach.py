@@ -1,8 +1,10 @@
 """The reaching environment: act, simulate, look, judge, return."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import gymnasium as gym
 import numpy as np
@@ -16,6 +18,7 @@ from sb3_stereo.envs.arguments import (
     check_pictures,
     check_render_mode,
     checked_reset_options,
+    checked_seed,
     positive,
     success_scale,
     timing,
@@ -24,19 +27,20 @@ from sb3_stereo.envs.arguments import (
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.composite import Composite, Observation
+from sb3_stereo.envs.lifecycle import Lasting
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
-from sb3_stereo.envs.scene import add_floor, empty_world
-from sb3_stereo.envs.sight import Eyes, Floats, Image, Sight
+from sb3_stereo.envs.sight import Floats, Image, Sight
 from sb3_stereo.envs.specs import plain, quoted, require
+from sb3_stereo.envs.world import World
 
+PulseWatcher = tuple[Callable[[list[float]], object], int]  # what it calls with the efforts [N m], and parts of a pulse
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SavedState:
-    """What `save_state` returns: Bullet's snapshot and what the environment remembers besides."""
+    """What `save_state` returns: the key of the world's state, and what the environment remembers besides."""
 
-    bullet_id: int
     target_position: Floats
     sight: Sight
 
@@ -91,6 +95,10 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's own type)
 
+    _world: Lasting[World] = Lasting()
+    _target_position: Lasting[Floats] = Lasting()
+    _sight: Lasting[Sight] = Lasting()
+
     def __init__(
         self,
         render_mode: str | None = None,
@@ -122,29 +130,29 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self.braked = brake
         self.n_pulse_steps = n_pulse_steps
-        self._default_target = self._target_position = bounded("target_position", target_position, 3)
+        self._default_target = bounded("target_position", target_position, 3)
         self.random_target = random_target
         n_joints = len(spec.joints)
         self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
         self.composite = Composite(composite, [view.name for view in views])
         self.observation_space = self.composite.space
 
-        in_window = render_mode == "human"
-        self._client = empty_world(in_window, physics_rate, weightless=gravity_compensation)
-        self.cameras = tuple(Camera(view, self._client) for view in views)
-        ground = add_floor(self._client, self.cameras, drawn=floor, in_window=in_window)
-        self.arm = Arm(spec, self._client)
-        for link in self.arm.fixed_links:  # what stands on the floor touches it in every pose
-            self._client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
-        if damping is not None:
-            values = bounded("damping", damping, n_joints)
-            require(values.min() >= 0, f"damping is {quoted(damping)}; give numbers of at least 0")
-            self.arm.set_damping(values)
+        joint_damping = None if damping is None else bounded("damping", damping, n_joints)
+        if joint_damping is not None:
+            require(joint_damping.min() >= 0, f"damping is {quoted(damping)}; give numbers of at least 0")
         efforts = spec.effort_limits if effort_limits is None else effort_limits
         self.effort_limits = bounded("effort_limits", efforts, n_joints)
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
-        self._eyes = Eyes(self._client, self.cameras, self.arm)
-        self._start = self._client.saveState()
+        self.pulse_watchers: list[PulseWatcher] = []
+        self._world = World(
+            spec,
+            views,
+            physics_rate=physics_rate,
+            weightless=gravity_compensation,
+            floor=floor,
+            in_window=render_mode == "human",
+            damping=joint_damping,
+        )
         self._initial_positions = None if initial_positions is None else self._checked_start(initial_positions)
 
     @staticmethod
@@ -160,6 +168,16 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         if "cameras" in kwargs:
             resolved["cameras"] = plain(camera_specs(kwargs["cameras"]))
         return resolved
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self._world.arm
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The views, in the order of the composite."""
+        return self._world.cameras
 
     @property
     def mirrored_joints(self) -> tuple[int, ...] | None:
@@ -192,20 +210,13 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         Raises:
             ValueError: If an option is unknown, malformed, outside the joint limits, or a pose that collides; or if
-                there is no random pose to begin from.
+                there is no random pose to begin from. A reset that is refused changes nothing.
         """
-        super().reset(seed=seed)
         told = checked_reset_options(options)
-        if self.random_target and "target_position" not in told:
-            self._draw_target()
-        else:
-            self._target_position = bounded("target_position", told.get("target_position", self._default_target), 3)
-        if "joint_positions" in told:
-            self._place_arm_as_told("joint_positions", told["joint_positions"])
-        elif self._initial_positions is not None:
-            self._place_arm_as_told("initial_positions", self._initial_positions)
-        else:
-            self._place_arm_at_random()
+        seed = checked_seed(seed)
+        with self._unchanged_by_errors():
+            super().reset(seed=seed)
+            self._begin(told)
         return self.composite(self._sight.frames), self._info(self._at_goal())
 
     def look(self) -> Observation:
@@ -222,15 +233,26 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: If the action has another shape or is not finite.
         """
-        efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
-        self.arm.push(efforts.tolist(), self.n_pulse_steps)
-        if self.braked:
-            self.arm.brake()
         previous = self._sight
+        efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
+        self._pulse(efforts.tolist())
         self._look()
         goal = self._at_goal()
         changes = rewards.distance_change(previous.distances, self._sight.distances, self.distance_scale)
         return self.composite(self._sight.frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+
+    def _pulse(self, efforts: list[float]) -> None:
+        """Apply the efforts, in [N m], as long as a pulse lasts; whoever watches pulses looks on its way."""
+        n_parts = math.lcm(*(n for _, n in self.pulse_watchers))
+
+        def on_part(part: int) -> None:
+            for look, n in self.pulse_watchers:
+                if part * n % n_parts == 0:
+                    look(efforts)
+
+        self.arm.push(efforts, self.n_pulse_steps, on_part, n_parts)
+        if self.braked:
+            self.arm.brake()
 
     def success_distances(self, offsets: Floats) -> Floats:
         """The distances whose mean `rho` is compared with.
@@ -246,41 +268,76 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
-        return self._eyes.draw(self._target_position)
+        return self._world.eyes.draw(self._target_position)
 
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
-        if self.render_mode != "rgb_array":
-            return None
-        return np.hstack([frame[:, :, :3] for frame in self._sight.frames])
+        frames = self._sight.frames
+        return np.hstack([frame[:, :, :3] for frame in frames]) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
         """Disconnect from Bullet; a second call does nothing."""
-        self._client.close()
+        attributes = vars(self)
+        if "_world" in attributes:
+            self._world.close()
+        for name in ("_world", "_target_position", "_sight"):
+            attributes.pop(name, None)
 
     # ------------------------------------------------------------------------------------------------ snapshots
     def save_state(self) -> SavedState:
         """Everything that the coming steps depend on. Free it with `remove_state`."""
-        return SavedState(self._client.saveState(), self._target_position, self._sight)
+        state = SavedState(self._target_position, self._sight)
+        self._world.save(state)
+        return state
 
     def restore_state(self, state: SavedState) -> None:
-        """Go back to a saved state, exactly; it may be restored any number of times."""
-        self._client.restoreState(state.bullet_id)
+        """Go back to a saved state, exactly; it may be restored any number of times.
+
+        Raises:
+            ValueError: If another environment saved it, or it is removed.
+        """
+        self._world.restore(state)
         self._target_position, self._sight = state.target_position, state.sight
 
     def remove_state(self, state: SavedState) -> None:
-        """Free a saved state."""
-        self._client.removeState(state.bullet_id)
+        """Free a saved state.
 
-    # ------------------------------------------------------------------------------------------------ the pose
-    def _place_arm(self, positions: Floats) -> bool:
-        """Rest the arm at `positions` as if nothing had been before; return whether it is free there."""
-        self._client.restoreState(self._start)  # contacts of the past would change the future
-        self.arm.rest_at(positions)
-        free = not self.arm.collides()
-        self._client.restoreState(self._start)
-        self.arm.rest_at(positions)
-        return free
+        Raises:
+            ValueError: If another environment saved it, or it is removed.
+        """
+        self._world.remove(state)
+
+    def __copy__(self) -> NoReturn:
+        raise ValueError("a shallow copy of an environment would share its simulator; use copy.deepcopy")
+
+    @contextmanager
+    def _unchanged_by_errors(self) -> Iterator[None]:
+        """Take back what was done if an error is raised within: to the world, to attributes, and random draws."""
+        attributes, random = vars(self).copy(), self._np_random
+        draws = None if random is None else random.bit_generator.state
+        try:
+            with self._world.unchanged_by_errors():
+                yield
+        except BaseException:
+            vars(self).clear()
+            vars(self).update(attributes)
+            if random is not None and draws is not None:
+                random.bit_generator.state = draws
+            raise
+
+    # ------------------------------------------------------------------------------------------------ the start
+    def _begin(self, told: Mapping[str, Any]) -> None:
+        """Place the target, then the arm."""
+        if self.random_target and "target_position" not in told:
+            self._draw_target()
+        else:
+            self._target_position = bounded("target_position", told.get("target_position", self._default_target), 3)
+        if "joint_positions" in told:
+            self._place_arm_as_told("joint_positions", told["joint_positions"])
+        elif self._initial_positions is not None:
+            self._place_arm_as_told("initial_positions", self._initial_positions)
+        else:
+            self._place_arm_at_random()
 
     def _place_arm_as_told(self, name: str, value: ArrayLike) -> None:
         """Rest the arm at the `value` of the option `name`, shape (n_joints,), in [rad], and look."""
@@ -291,16 +348,18 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
             f"{name} {positions.tolist()} are outside the limits {self.arm.limits.tolist()}",
         )
         require(
-            self._place_arm(positions),
+            self._world.place_arm(positions),
             f"{name} {positions.tolist()} collide; choose a pose clear of the arm itself and the floor",
         )
         self._look()
 
     def _checked_start(self, value: ArrayLike) -> Floats:
         """`initial_positions`, shape (n_joints,), where the arm is free, and away from a target that is not drawn."""
+        self._target_position = self._default_target
         self._place_arm_as_told("initial_positions", value)
         away = self.random_target or not self._at_goal()
         require(away, f"initial_positions {quoted(value)} are a goal already; choose a pose away from the target")
+        del self._target_position, self._sight  # the episode begins with `reset`
         return self.arm.actuated_positions
 
     def _place_arm_at_random(self) -> None:
@@ -327,11 +386,11 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
     def _place_arm_anywhere(self) -> bool:
         """Rest the arm at a pose drawn within its limits; return whether it is free there."""
         low, high = self.arm.limits.T
-        return self._place_arm(self.np_random.uniform(low, high))
+        return self._world.place_arm(self.np_random.uniform(low, high))
 
     # ------------------------------------------------------------------------------------------------ the view
     def _look(self) -> None:
-        self._sight = self._eyes.look(self._target_position)
+        self._sight = self._world.eyes.look(self._target_position)
 
     def _at_goal(self) -> bool:
         return rewards.is_goal(self.success_distances(self._sight.offsets), self.rho)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from typing import Any, NoReturn
 
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
@@ -27,6 +28,9 @@ class Client(BulletClient):  # type: ignore[misc]
         self._shapes: dict[object, object] = {}
         self._pid = os.getpid()
         self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise ValueError("a simulator has no copies of its own; copy the environment")
 
     @property
     def number(self) -> int:

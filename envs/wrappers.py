@@ -64,20 +64,25 @@ class WatchedPulses(gym.Wrapper[Any, Any, Any, Any]):
     """Interrupt every pulse to look at the arm on its way; the motion and the step stay the same to the bit.
 
     Args:
-        env: A `StereoReachEnv`, wrapped or not.
+        env: A `StereoReachEnv`, wrapped or not, also in another `WatchedPulses`: each looks at its own parts.
         look: Called with the efforts [N m] between the parts of a pulse.
         n_parts: Equal parts of a pulse; it is looked at after each but the last, where the step's own frames are.
+
+    Raises:
+        ValueError: If `n_parts` is not positive.
     """
 
     def __init__(self, env: gym.Env[Any, Any], look: Callable[[Sequence[float]], object], n_parts: int = 6) -> None:
         super().__init__(env)
-        arm: Any = self.unwrapped.arm  # type: ignore[attr-defined]
-        push = arm.push
+        if n_parts < 1:
+            raise ValueError(f"n_parts is {n_parts}; give at least 1")
+        self._watcher = look, n_parts
 
-        def push_in_parts(efforts: Sequence[float], n_steps: int) -> None:
-            for part, steps in enumerate(np.diff(np.linspace(0, n_steps, n_parts + 1, dtype=int))):
-                if part:
-                    look(efforts)
-                push(efforts, int(steps))
-
-        arm.push = push_in_parts
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Step, and look on the way."""
+        watchers: Any = self.unwrapped.pulse_watchers  # type: ignore[attr-defined]
+        watchers.append(self._watcher)
+        try:
+            return self.env.step(action)
+        finally:
+            watchers.remove(self._watcher)

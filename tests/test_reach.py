@@ -93,7 +93,8 @@ def test_blobs_are_where_the_markers_are(env: StereoReachEnv) -> None:
         for view, camera in enumerate(env.cameras):
             frame, _, bodies = camera.draw()
             blobs = sb3_stereo.envs.markers.find_blobs(frame)
-            for marker, body, expected in zip(blobs, env._eyes.markers, camera.spec.project(positions), strict=True):
+            bodies_of_markers = env._world.eyes.markers
+            for marker, body, expected in zip(blobs, bodies_of_markers, camera.spec.project(positions), strict=True):
                 mask = bodies == body
                 if np.isnan(marker).any():
                     assert mask.sum() < 12  # a sliver, or nothing

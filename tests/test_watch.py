@@ -62,6 +62,36 @@ def test_watching_a_pulse_changes_neither_motion_nor_reward(env: Any) -> None:
     assert np.hypot(*(second - first)) > 0.5  # the arm is on its way
 
 
+def test_watchers_of_one_pulse_look_at_their_own_parts_of_it(env: Any) -> None:
+    plain, arm = rollout(env), env.unwrapped.arm
+    looks: dict[str, list[Any]] = {"twice": [], "again": [], "thrice": []}
+    watched = env
+    for name, n_parts in (("twice", 2), ("again", 2), ("thrice", 3)):
+        watched = WatchedPulses(
+            watched, lambda _, name=name: looks[name].append(arm.actuated_positions.tolist()), n_parts
+        )
+    for expected, found in zip(plain, rollout(watched)):
+        np.testing.assert_array_equal(found[0], expected[0])
+        assert found[1:-1] == expected[1:-1]
+    assert [len(each) for each in looks.values()] == [3, 3, 6]
+    assert looks["twice"] == looks["again"]
+    assert not any(half in looks["thrice"] for half in looks["twice"])
+    rollout(env)  # not through the wrappers
+    assert [len(each) for each in looks.values()] == [3, 3, 6]
+
+
+def test_a_film_in_a_window_is_as_long_as_any_other(env: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    monkeypatch.setattr(enjoy.time, "sleep", pauses.append)
+    writer = Pictures()
+    monkeypatch.setattr("sb3_stereo.film.make_writer", lambda *_: writer)
+    with enjoy.watched(env, window=True, video=Path("film.mp4"), zoom=1.0) as both:
+        rollout(both)
+    pulse = [1] * (N_PARTS - 1) + [PAUSE]
+    assert writer.times == [PAUSE, *pulse * len(ACTIONS)]
+    assert len(pauses) == (N_PARTS - 1) * len(ACTIONS)
+
+
 def test_a_film_holds_the_parts_of_each_pulse_and_pauses_at_its_result(env: Any) -> None:
     writer = Pictures()
     rollout(Filmed(env, writer))

@@ -1,0 +1,116 @@
+"""The simulated world: an arm on its floor, and the cameras that look at it."""
+
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.cameras import Camera, CameraSpec
+from sb3_stereo.envs.robots import ArmSpec
+from sb3_stereo.envs.scene import add_floor, empty_world
+from sb3_stereo.envs.sight import Eyes, Floats
+from sb3_stereo.envs.specs import require
+
+
+@dataclass(eq=False)
+class World:
+    """An arm and its cameras in a Bullet client of their own.
+
+    A copy, by `copy.deepcopy` or pickling, is another world in the same state: built from the same arguments, then set
+    to Bullet's own record of joints, velocities and contacts, with which it moves the same to the bit.
+
+    Args:
+        arm_spec: The robot.
+        views: The cameras.
+        physics_rate: Simulation steps per second, in [Hz].
+        weightless: Without gravity.
+        floor: Draw the floor. It is solid in any case.
+        in_window: Show it in Bullet's window.
+        damping: Viscous damping per actuated joint, in [N m s/rad]; None for the arm's own.
+    """
+
+    arm_spec: ArmSpec
+    views: tuple[CameraSpec, ...]
+    physics_rate: float
+    weightless: bool
+    floor: bool
+    in_window: bool
+    damping: Floats | None
+
+    def __post_init__(self) -> None:
+        self._client = client = empty_world(self.in_window, self.physics_rate, self.weightless)
+        self.cameras = tuple(Camera(view, client) for view in self.views)
+        ground = add_floor(client, self.cameras, drawn=self.floor, in_window=self.in_window)
+        self.arm = Arm(self.arm_spec, client)
+        for link in self.arm.fixed_links:  # what stands on the floor touches it in every pose
+            client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
+        if self.damping is not None:
+            self.arm.set_damping(self.damping)
+        self.eyes = Eyes(client, self.cameras, self.arm)
+        self._start = client.saveState()
+        self._saved: WeakKeyDictionary[object, int] = WeakKeyDictionary()
+
+    def place_arm(self, positions: Iterable[float]) -> bool:
+        """Rest the arm at `positions` as if nothing had been before; return whether it is free there."""
+        self._client.restoreState(self._start)  # contacts of the past would change the future
+        self.arm.rest_at(positions)
+        free = not self.arm.collides()
+        self._client.restoreState(self._start)
+        self.arm.rest_at(positions)
+        return free
+
+    def close(self) -> None:
+        """Disconnect from Bullet; a second call does nothing."""
+        self._client.close()
+
+    # ------------------------------------------------------------------------------------------------ states
+    def save(self, key: object) -> None:
+        """Keep the state of all bodies and contacts for the very object that is given as its key."""
+        self._saved[key] = self._client.saveState()
+
+    def restore(self, key: object) -> None:
+        """Go back to the state that was saved with `key`, exactly."""
+        self._client.restoreState(self._number_of(key))
+
+    def remove(self, key: object) -> None:
+        """Free the state that was saved with `key`."""
+        self._client.removeState(self._number_of(key))
+        del self._saved[key]
+
+    def _number_of(self, key: object) -> int:
+        """Bullet's number of a state: of no use alone, since another client's are the same."""
+        whose = "the state is another environment's, or removed"
+        require(key in self._saved, f"{whose}; give one that save_state of this environment returned")
+        return self._saved[key]
+
+    @contextmanager
+    def unchanged_by_errors(self) -> Iterator[None]:
+        """Go back to the state before if an error is raised within."""
+        before = self._client.saveState()
+        try:
+            yield
+        except BaseException:
+            self._client.restoreState(before)
+            raise
+        finally:
+            self._client.removeState(before)
+
+    def __getstate__(self) -> dict[str, Any]:
+        way_out = "copy one with render_mode None or 'rgb_array'"
+        require(not self.in_window, f"an environment in Bullet's window (render_mode 'human') has no copies; {way_out}")
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "state.bullet"  # the only form that another client takes
+            self._client.saveBullet(str(file))
+            return {"bullet": file.read_bytes()} | {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        record = state.pop("bullet")
+        self.__init__(**state)  # type: ignore[misc]
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "state.bullet"
+            file.write_bytes(record)
+            self._client.restoreState(fileName=str(file))
