@@ -1,8 +1,18 @@
-"""What an environment has from its first `reset` to its `close`."""
+"""From an environment's first `reset` to its `close`: what it has in between, its saved states and its copies."""
 
-from typing import Any, Generic, TypeVar
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, Generic, NoReturn, TypeVar
 
+import gymnasium as gym
+import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.composite import Observation
+from sb3_stereo.envs.sight import Floats, Sight
+from sb3_stereo.envs.world import World
 
 Value = TypeVar("Value")
 
@@ -22,3 +32,71 @@ class Lasting(Generic[Value]):
         if "_world" not in vars(env):
             raise ClosedEnvironmentError("the environment is closed; make a new one")
         raise ResetNeeded("the environment has no episode yet; call reset first")
+
+
+@dataclass(frozen=True, eq=False)
+class SavedState:
+    """What `save_state` returns: the key of the world's state, and what the environment remembers besides."""
+
+    target_position: Floats
+    sight: Sight
+
+
+class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
+    """An environment in a `World`, of which a copy is a world of its own (see there).
+
+    The constructor makes the world; `reset` sets what comes with an episode.
+    """
+
+    _world: Lasting[World] = Lasting()
+    _target_position: Lasting[Floats] = Lasting()
+    _sight: Lasting[Sight] = Lasting()
+
+    def close(self) -> None:
+        """Disconnect from Bullet; a second call does nothing."""
+        attributes = vars(self)
+        if "_world" in attributes:
+            self._world.close()
+        for name in ("_world", "_target_position", "_sight"):
+            attributes.pop(name, None)
+
+    def save_state(self) -> SavedState:
+        """Everything that the coming steps depend on. Free it with `remove_state`."""
+        state = SavedState(self._target_position, self._sight)
+        self._world.save(state)
+        return state
+
+    def restore_state(self, state: SavedState) -> None:
+        """Go back to a saved state, exactly; it may be restored any number of times.
+
+        Raises:
+            ValueError: If another environment saved it, or it is removed.
+        """
+        self._world.restore(state)
+        self._target_position, self._sight = state.target_position, state.sight
+
+    def remove_state(self, state: SavedState) -> None:
+        """Free a saved state.
+
+        Raises:
+            ValueError: If another environment saved it, or it is removed.
+        """
+        self._world.remove(state)
+
+    def __copy__(self) -> NoReturn:
+        raise ValueError("a shallow copy of an environment would share its simulator; use copy.deepcopy")
+
+    @contextmanager
+    def _unchanged_by_errors(self) -> Iterator[None]:
+        """Take back what was done if an error is raised within: to the world, to attributes, and random draws."""
+        attributes, random = vars(self).copy(), self._np_random
+        draws = None if random is None else random.bit_generator.state
+        try:
+            with self._world.unchanged_by_errors():
+                yield
+        except BaseException:
+            vars(self).clear()
+            vars(self).update(attributes)
+            if random is not None and draws is not None:
+                random.bit_generator.state = draws
+            raise

@@ -1,15 +1,12 @@
 """The reaching environment: act, simulate, look, judge, return."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, NoReturn
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sb3_stereo.envs import rewards
 from sb3_stereo.envs.arguments import (
@@ -27,9 +24,9 @@ from sb3_stereo.envs.arguments import (
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.composite import Composite, Observation
-from sb3_stereo.envs.lifecycle import Lasting
+from sb3_stereo.envs.lifecycle import SimulatedEnv
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
-from sb3_stereo.envs.sight import Floats, Image, Sight
+from sb3_stereo.envs.sight import Floats, Image
 from sb3_stereo.envs.specs import plain, quoted, require
 from sb3_stereo.envs.world import World
 
@@ -37,15 +34,7 @@ PulseWatcher = tuple[Callable[[list[float]], object], int]  # what it calls with
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
 
 
-@dataclass(frozen=True, eq=False)
-class SavedState:
-    """What `save_state` returns: the key of the world's state, and what the environment remembers besides."""
-
-    target_position: Floats
-    sight: Sight
-
-
-class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
+class StereoReachEnv(SimulatedEnv):
     """Reach a blue target with a red end effector, seen by static cameras only.
 
     An action is one pulse of constant joint efforts; between pulses the arm stands still, so that one composite
@@ -94,10 +83,6 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's own type)
-
-    _world: Lasting[World] = Lasting()
-    _target_position: Lasting[Floats] = Lasting()
-    _sight: Lasting[Sight] = Lasting()
 
     def __init__(
         self,
@@ -274,56 +259,6 @@ class StereoReachEnv(gym.Env[Observation, NDArray[np.float32]]):
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
         frames = self._sight.frames
         return np.hstack([frame[:, :, :3] for frame in frames]) if self.render_mode == "rgb_array" else None
-
-    def close(self) -> None:
-        """Disconnect from Bullet; a second call does nothing."""
-        attributes = vars(self)
-        if "_world" in attributes:
-            self._world.close()
-        for name in ("_world", "_target_position", "_sight"):
-            attributes.pop(name, None)
-
-    # ------------------------------------------------------------------------------------------------ snapshots
-    def save_state(self) -> SavedState:
-        """Everything that the coming steps depend on. Free it with `remove_state`."""
-        state = SavedState(self._target_position, self._sight)
-        self._world.save(state)
-        return state
-
-    def restore_state(self, state: SavedState) -> None:
-        """Go back to a saved state, exactly; it may be restored any number of times.
-
-        Raises:
-            ValueError: If another environment saved it, or it is removed.
-        """
-        self._world.restore(state)
-        self._target_position, self._sight = state.target_position, state.sight
-
-    def remove_state(self, state: SavedState) -> None:
-        """Free a saved state.
-
-        Raises:
-            ValueError: If another environment saved it, or it is removed.
-        """
-        self._world.remove(state)
-
-    def __copy__(self) -> NoReturn:
-        raise ValueError("a shallow copy of an environment would share its simulator; use copy.deepcopy")
-
-    @contextmanager
-    def _unchanged_by_errors(self) -> Iterator[None]:
-        """Take back what was done if an error is raised within: to the world, to attributes, and random draws."""
-        attributes, random = vars(self).copy(), self._np_random
-        draws = None if random is None else random.bit_generator.state
-        try:
-            with self._world.unchanged_by_errors():
-                yield
-        except BaseException:
-            vars(self).clear()
-            vars(self).update(attributes)
-            if random is not None and draws is not None:
-                random.bit_generator.state = draws
-            raise
 
     # ------------------------------------------------------------------------------------------------ the start
     def _begin(self, told: Mapping[str, Any]) -> None:
