@@ -49,7 +49,7 @@ docs: $(STAMP) ## build the pages of docs/ into site/
 	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --strict
 
 benchmark: $(STAMP) ## train what is missing of the paper's tables and write benchmarks/RESULTS.md (hours)
-	$(PYTHON) -m benchmarks.paper_tables $(ARGS)
+	$(PYTHON) -m benchmarks.tables.paper $(ARGS)
 
 clean: ## remove builds and caches; keeps .venv and logs
 	rm -rf build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov

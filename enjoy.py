@@ -2,7 +2,7 @@
 
 import sys
 
-from sb3_stereo.enjoy import main
+from sb3_stereo.commands.enjoy import main
 
 if __name__ == "__main__":
     sys.exit(main())

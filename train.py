@@ -2,7 +2,7 @@
 
 import sys
 
-from sb3_stereo.train import main
+from sb3_stereo.commands.train import main
 
 if __name__ == "__main__":
     sys.exit(main())

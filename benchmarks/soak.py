@@ -19,11 +19,10 @@ import gymnasium as gym
 import psutil
 
 import sb3_stereo  # noqa: F401  (registers the environments)
-from sb3_stereo.cli import DEFAULT_ENV
-from sb3_stereo.config import load_config
-from sb3_stereo.plot import read_scores
+from sb3_stereo.config.schema import DEFAULT_ENV, load_config
+from sb3_stereo.evaluation.scores import read_scores
 from sb3_stereo.runtime import set_threads, tune_allocator
-from sb3_stereo.training import Options, train
+from sb3_stereo.training.trainer import Options, train
 
 N_SAMPLES = 10
 N_ENVS = 2

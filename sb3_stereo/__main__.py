@@ -38,7 +38,7 @@ def main(argv: list[str] | None = None) -> int:
     if command not in COMMANDS:
         print(f"error: unknown command '{command}'; commands are {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
-    exit_status: int = import_module(f"sb3_stereo.{command}").main(rest)
+    exit_status: int = import_module(f"sb3_stereo.commands.{command}").main(rest)
     return exit_status
 
 

@@ -11,7 +11,8 @@ from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 import sb3_stereo  # registers the environments
-from sb3_stereo import StereoCnn, StereoReplay
+from sb3_stereo.learning.replay import StereoReplay
+from sb3_stereo.policies.extractors import StereoCnn
 
 LEARNERS: dict[str, type[BaseAlgorithm]] = {"td3": TD3, "sac": SAC, "tqc": TQC, "crossq": CrossQ, "ppo": PPO}
 ENCODER = {"hidden_norm": "layer", "blur": 3.0, "downsample": 3, "kernel_sizes": [4, 3, 3], "strides": [2, 2, 1]}

@@ -5,13 +5,12 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from sb3_stereo.cli import DEFAULT_ENV
-from sb3_stereo.components import check_kwargs, parameters
-from sb3_stereo.config import Config, load_config, overridden
+from sb3_stereo.config.components import check_kwargs, parameters
+from sb3_stereo.config.schema import DEFAULT_ENV, Config, load_config, overridden
+from sb3_stereo.config.values import read_yaml
 from sb3_stereo.errors import ConfigError, unknown
-from sb3_stereo.evaluation import Evaluation
+from sb3_stereo.evaluation.protocol import Evaluation
 from sb3_stereo.tuning.parameters import Parameter, parse_parameters
-from sb3_stereo.values import read_yaml
 
 METHODS = ("bayes", "grid", "random")
 GOALS = ("maximize", "minimize")

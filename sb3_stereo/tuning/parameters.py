@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from sb3_stereo.components import check_kwargs
+from sb3_stereo.config.components import check_kwargs
 from sb3_stereo.errors import ConfigError, unknown
 
 # What each of W&B's distributions needs.

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sb3_stereo.config import Config
+from sb3_stereo.config.schema import Config
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.files import replacing
-from sb3_stereo.plot import read_scores
-from sb3_stereo.runs import env_name, find_run, has_ended, load_record, run_ids
+from sb3_stereo.evaluation.scores import read_scores
+from sb3_stereo.runs.directory import env_name, find_run, has_ended, load_record, run_ids
+from sb3_stereo.runs.files import replacing
 from sb3_stereo.tuning.config import Metric, Sweep
 
 STOPPED = "stopped.txt"

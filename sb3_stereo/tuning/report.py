@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from sb3_stereo.cli import command_line
-from sb3_stereo.config import overridden
+from sb3_stereo.config.schema import overridden
+from sb3_stereo.console import command_line
 from sb3_stereo.tuning.config import Sweep
 from sb3_stereo.tuning.parameters import Parameter
 from sb3_stereo.tuning.records import Setting, Trial, read_trials, settings

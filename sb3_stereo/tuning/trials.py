@@ -17,10 +17,10 @@ from ray.tune.experiment import Trial as TuneTrial
 from ray.tune.search import BasicVariantGenerator
 
 from sb3_stereo import runtime
-from sb3_stereo.config import Config
-from sb3_stereo.progress import say
-from sb3_stereo.runs import import_packages
-from sb3_stereo.training import Options, resume, train
+from sb3_stereo.config.schema import Config
+from sb3_stereo.console import say
+from sb3_stereo.runs.directory import import_packages
+from sb3_stereo.training.trainer import Options, resume, train
 from sb3_stereo.tuning.cluster import check_resources
 from sb3_stereo.tuning.config import Metric, Resources
 from sb3_stereo.tuning.records import defined, find_trial, scores, state

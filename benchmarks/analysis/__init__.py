@@ -1,0 +1,1 @@
+"""What an agent or an environment is like: one question per script."""

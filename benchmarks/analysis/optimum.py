@@ -1,0 +1,116 @@
+"""The fewest steps that reach: a planner that knows the simulator, from the 100 test poses.
+
+    python -m benchmarks.analysis.optimum
+
+searches, for one pulse, then two, then more, for efforts that end at the goal (cross-entropy method), plays what it
+found in the environment, and writes `benchmarks/results/optimum.csv`. A search can miss a shorter way, so the mean is
+an upper bound of the optimum; no learner should be expected below it.
+"""
+
+import argparse
+import csv
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import RESULTS
+from sb3_stereo.evaluation.protocol import test_poses
+from sb3_stereo.runtime import available_cores
+
+Floats = NDArray[np.float64]
+
+ENV_ID = "sb3_stereo:WamStereoReach-v0"
+MAX_STEPS = 5
+N_SAMPLES, N_ELITE, N_ITERATIONS, N_RESTARTS = 64, 8, 8, 3
+
+
+class Planner:
+    """Cross-entropy search over sequences of efforts, by simulating them without drawing."""
+
+    def __init__(self) -> None:
+        self.env: Any = gym.make(ENV_ID).unwrapped
+
+    def fewest_steps(self, pose: Floats, rng: np.random.Generator) -> int:
+        """Steps of the shortest plan found that reaches from `pose` (n_joints,) [rad]; `MAX_STEPS + 1` if none does."""
+        self.env.reset(options={"joint_positions": pose})
+        start = self.env.save_state()
+        try:
+            for n_steps in range(1, MAX_STEPS + 1):
+                if any(self._search(start, n_steps, rng) for _ in range(N_RESTARTS)):
+                    return n_steps
+            return MAX_STEPS + 1
+        finally:
+            self.env.remove_state(start)
+
+    def _search(self, start: Any, n_steps: int, rng: np.random.Generator) -> bool:
+        """Whether a plan (n_steps, n_joints) was found that reaches when it is played."""
+        shape = (n_steps, *self.env.action_space.shape)
+        mean, spread = rng.uniform(-0.5, 0.5, shape), np.ones(shape)
+        for _ in range(N_ITERATIONS):
+            plans = np.clip(mean + spread * rng.standard_normal((N_SAMPLES, *shape)), -1, 1)
+            distances = np.array([self._distance_after(start, plan) for plan in plans])
+            order = np.argsort(distances)
+            for best in order[:3]:
+                if distances[best] <= self.env.rho and self._reaches(start, plans[best]):
+                    return True
+            elite = plans[order[:N_ELITE]]
+            mean, spread = elite.mean(0), elite.std(0) + 0.02
+        return False
+
+    def _distance_after(self, start: Any, plan: Floats) -> float:
+        """Mean distance of the projected markers after a plan, in the success frame's [px], whatever hides them."""
+        env = self.env
+        env.restore_state(start)
+        for action in plan:
+            env.arm.push((action * env.effort_limits).tolist(), env.n_pulse_steps)
+            if env.braked:
+                env.arm.brake()
+        markers = np.stack([env.arm.end_effector_position, start.target_position])
+        offsets = np.array([np.subtract(*camera.spec.project(markers)) for camera in env.cameras])
+        return float(env.success_distances(offsets).mean())
+
+    def _reaches(self, start: Any, plan: Floats) -> bool:
+        self.env.restore_state(start)
+        return any(self.env.step(action)[2] for action in plan)
+
+
+def plan_all(poses: Floats, n_workers: int) -> list[int]:
+    """Fewest steps found from each pose, every pose with its own seed."""
+    with ProcessPoolExecutor(n_workers) as pool:
+        return list(pool.map(_plan_one, range(len(poses)), poses))
+
+
+@cache
+def _planner() -> Planner:
+    """One per process: making an environment takes longer than many plans."""
+    return Planner()
+
+
+def _plan_one(seed: int, pose: Floats) -> int:
+    return _planner().fewest_steps(pose, np.random.default_rng(seed))
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.analysis.optimum", description="The fewest steps that reach."
+    )
+    parser.add_argument("--poses", type=int, default=100, help="how many of the test poses (default: all 100)")
+    parser.add_argument("--workers", type=int, default=available_cores())
+    args = parser.parse_args(argv)
+    steps = plan_all(test_poses("WamStereoReach-v0")[: args.poses], args.workers)
+    reached = np.mean(np.array(steps) <= MAX_STEPS)
+    print(f"{reached:.0%} reached, {np.mean(steps):.2f} steps on average, counts from 0: {np.bincount(steps)}")
+    if args.poses == 100:
+        with (RESULTS / "optimum.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerows([("pose", "steps"), *enumerate(steps)])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""The tables of results: their cells are trained, recorded and reported."""

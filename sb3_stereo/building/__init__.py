@@ -1,0 +1,1 @@
+"""A configuration becomes environments, a model and callbacks."""

@@ -1,0 +1,139 @@
+"""A configuration becomes environments and a model."""
+
+import multiprocessing
+import signal
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.noise import ActionNoise, NormalActionNoise, OrnsteinUhlenbeckActionNoise
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+
+from sb3_stereo.building.episodes import ResumableEpisode
+from sb3_stereo.config.components import Component, import_class, parameters, resolve_classes
+from sb3_stereo.config.schema import SCHEDULES, Config, algorithm, policy_class
+from sb3_stereo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+VEC_ENVS: dict[str, type[DummyVecEnv] | type[SubprocVecEnv]] = {"dummy": DummyVecEnv, "subproc": SubprocVecEnv}
+
+
+def make_env(env_id: str, env_kwargs: Mapping[str, Any], env_wrapper: Sequence[Component]) -> Callable[[], gym.Env]:
+    """Return a function that makes the wrapped environment, in another process as well."""
+    return partial(_make, gym.spec(env_id), dict(env_kwargs), tuple(env_wrapper))
+
+
+def _make(spec: gym.envs.registration.EnvSpec, env_kwargs: dict[str, Any], env_wrapper: Sequence[Component]) -> gym.Env:
+    if multiprocessing.parent_process() is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which closes the workers
+    return wrap(spec.make(**env_kwargs), env_wrapper)
+
+
+def wrap(env: gym.Env, env_wrapper: Sequence[Component]) -> gym.Env:
+    """Wrap an environment, the first wrapper innermost."""
+    for component in env_wrapper:
+        env = import_class(component.path, gym.Wrapper, "env_wrapper")(env, **component.kwargs)
+    return env
+
+
+def _wrap_for_training(env: gym.Env, env_wrapper: Sequence[Component]) -> gym.Env:
+    return ResumableEpisode(wrap(env, env_wrapper))
+
+
+def make_training_env(
+    config: Config, seed: int, monitor_dir: str | None = None, vec_env: str = "dummy", append: bool = False
+) -> VecEnv:
+    """Make the training environments as the zoo does: Monitor inside, wrappers around it.
+
+    Args:
+        config: What to make.
+        seed: Seeds the environments `seed`, `seed + 1`, …
+        monitor_dir: Where the episodes are recorded; None records nothing.
+        vec_env: "dummy" steps them in this process, "subproc" each in its own.
+        append: Go on with the records that are there.
+    """
+    if vec_env == "subproc":  # a process could only die of arguments that this one can refuse
+        make_env(config.env_id, config.env_kwargs, config.env_wrapper)().close()
+    return make_vec_env(
+        make_env(config.env_id, config.env_kwargs, ()),
+        n_envs=config.n_envs,
+        seed=seed,
+        monitor_dir=monitor_dir,
+        wrapper_class=partial(_wrap_for_training, env_wrapper=config.env_wrapper),
+        vec_env_cls=VEC_ENVS[vec_env],
+        monitor_kwargs=resolve_lists(config.monitor_kwargs) | ({"override_existing": False} if append else {}),
+    )
+
+
+def resolve_lists(kwargs: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments with lists as tuples."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in kwargs.items()}
+
+
+def make_model(
+    config: Config,
+    env: VecEnv,
+    seed: int | None = None,
+    device: str = "auto",
+    tensorboard_log: str | None = None,
+    verbose: int = 0,
+) -> "BaseAlgorithm":
+    """Make SB3's own algorithm with the configured policy, noise and arguments.
+
+    `gradient_steps` are per step of one environment: SB3 counts a step of all of them as one, and with n_envs of them
+    would learn n_envs times less from each.
+    """
+    check_action_space(config, env.action_space)
+    algo_class = algorithm(config.algo)
+    policy = policy_class(config.algo, config.policy)
+    kwargs = resolve_classes(algo_class, config.algo_kwargs)
+    for key in SCHEDULES:
+        if isinstance(kwargs.get(key), str):
+            kwargs[key] = LinearSchedule(float(kwargs[key].removeprefix("lin_")), 0.0, 1.0)
+    if config.noise_type:
+        kwargs["action_noise"] = make_noise(config, env)
+    gradient_steps = kwargs.get("gradient_steps", 1)
+    if "gradient_steps" in parameters(algo_class) and gradient_steps > 0:  # -1 follows the environment steps by itself
+        kwargs["gradient_steps"] = gradient_steps * env.num_envs
+    model: BaseAlgorithm = algo_class(
+        policy=policy,
+        env=env,
+        policy_kwargs=resolve_classes(policy, config.policy_kwargs),
+        seed=seed,
+        device=device,
+        tensorboard_log=tensorboard_log,
+        verbose=verbose,
+        **kwargs,
+    )
+    return model
+
+
+def check_action_space(config: Config, space: gym.Space[Any]) -> None:
+    """Raise a ConfigError unless the algorithm can act in this space."""
+    if config.algo == "ppo" and isinstance(space, gym.spaces.Box | gym.spaces.Discrete):
+        return
+    wanted = gym.spaces.Discrete if config.algo == "dqn" else gym.spaces.Box
+    if not isinstance(space, wanted):
+        change = "add" if config.algo == "dqn" else "remove"
+        way_out = f"{change} the env_wrapper sb3_stereo.envs.wrappers.QuantizedActions"
+        raise ConfigError(f"{config.algo} needs {wanted.__name__} actions, {config.env_id} has {space}; {way_out}")
+
+
+def make_noise(config: Config, env: VecEnv) -> ActionNoise:
+    """Make the zoo's action noise; annealing it is a callback's business."""
+    assert isinstance(env.action_space, gym.spaces.Box)
+    mean = np.zeros(env.action_space.shape[0])
+    cls = NormalActionNoise if config.noise_type == "normal" else OrnsteinUhlenbeckActionNoise
+    return cls(mean, config.noise_std * np.ones_like(mean))
+
+
+def make_callbacks(config: Config) -> list[BaseCallback]:
+    """Make the configured callbacks."""
+    return [import_class(c.path, BaseCallback, "callback")(**c.kwargs) for c in config.callback]

@@ -1,0 +1,77 @@
+"""Measure what an environment offers a learner: `python -m sb3_stereo check --env-kwargs arm:my_arm.yml`."""
+
+import argparse
+import sys
+from typing import Any
+
+from sb3_stereo.commands.flags import Parser, run_command
+from sb3_stereo.config.schema import DEFAULT_ENV
+from sb3_stereo.console import command_line
+from sb3_stereo.errors import ConfigError, refusals_are_errors
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog=command_line("check"),
+        description="Measure how far efforts move joints, which poses are free and seen, and how rare goals are.",
+    )
+    parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")
+    parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="its arguments, e.g. arm:my_arm.yml")
+    parser.add_argument("--poses", type=int, default=500, metavar="N", help="random poses (default: 500)")
+    parser.add_argument("--steps", type=int, default=1000, metavar="N", help="steps of a random agent (default: 1000)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of everything random (default: 0)")
+    parser.add_argument("-o", "--output", metavar="FILE", help="save what the cameras see, e.g. arm.png")
+    return parser
+
+
+def check_command(args: argparse.Namespace) -> int:
+    """Make the environment, measure it and print what was measured."""
+    import gymnasium as gym
+
+    from sb3_stereo.config.schema import check_env_id, check_env_kwargs
+    from sb3_stereo.config.values import parse_assignments
+    from sb3_stereo.envs.reach import StereoReachEnv
+    from sb3_stereo.envs.survey import describe, survey
+
+    for name, value in (("--poses", args.poses), ("--steps", args.steps)):
+        if value < 1:
+            raise ConfigError(f"{name} must be positive, got {value}")
+    check_env_id(args.env)
+    kwargs = check_env_kwargs(args.env, parse_assignments(args.env_kwargs))
+    with refusals_are_errors():
+        env = gym.make(args.env, render_mode="rgb_array", **kwargs).unwrapped
+        if not isinstance(env, StereoReachEnv):
+            raise ConfigError(f"{args.env} has no arm and cameras to measure; take {DEFAULT_ENV} and --env-kwargs")
+        if args.output:  # first, as it helps to understand what the measurements refuse
+            save_frame(env, args.output)
+        print(describe(survey(env, args.poses, args.steps, args.seed)))
+    env.close()
+    return 0
+
+
+def save_frame(env: Any, path: str) -> None:
+    """Save what the cameras see of the arm in the middle of its joints' ranges, whether it is free there or not."""
+    import cv2
+
+    env.arm.rest_at(env.arm.limits.mean(axis=1))
+    env.look()
+    try:
+        saved = cv2.imwrite(path, env.render()[:, :, ::-1])
+    except cv2.error:
+        saved = False
+    if not saved:
+        raise ConfigError(f"cannot write the picture '{path}'; give a file such as arm.png in a folder that exists")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and measure.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(check_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

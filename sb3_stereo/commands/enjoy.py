@@ -1,0 +1,171 @@
+"""Play a trained agent: `python enjoy.py --algo ddpg`, or `sb3-stereo enjoy --algo ddpg`."""
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sb3_stereo import runtime
+from sb3_stereo.commands.flags import (
+    Parser,
+    add_model_flags,
+    add_process_flags,
+    add_run_flags,
+    check_device,
+    run_command,
+)
+from sb3_stereo.console import command_line
+from sb3_stereo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+DEFAULT_TIMESTEPS, DEFAULT_FILM_EPISODES = 1000, 5
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line; the flags are the zoo's."""
+    parser = Parser(prog=command_line("enjoy"), description="Play a trained agent and count its successes.")
+    add_run_flags(parser)
+    add_model_flags(parser)
+    parser.add_argument("-n", "--n-timesteps", type=int, help=f"environment steps (default: {DEFAULT_TIMESTEPS})")
+    parser.add_argument("--n-episodes", type=int, help=f"episodes (default: {DEFAULT_FILM_EPISODES} with --video)")
+    parser.add_argument("--exp-id", type=int, default=0, help="number of the run (default: 0, the latest)")
+    window = parser.add_mutually_exclusive_group()
+    window.add_argument("--no-render", action="store_true", help="do not open a window")
+    window.add_argument("--gui", action="store_true", help="open Bullet's window (the default without --video)")
+    parser.add_argument("--video", type=Path, metavar="FILE", help="film into an .mp4 or .gif")
+    parser.add_argument("--zoom", type=float, default=1.0, help="show the middle of the views larger (default: 1)")
+    parser.add_argument("--stochastic", action="store_true", help="explore as in training")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the starts (default: 0)")
+    parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
+    add_process_flags(parser)
+    return parser
+
+
+def play(
+    model: "BaseAlgorithm",
+    env: Any,
+    n_timesteps: float,
+    seed: int,
+    deterministic: bool = True,
+    n_episodes: float = math.inf,
+) -> list[tuple[bool, int]]:
+    """Play, and return success and length of the episodes that ended.
+
+    Args:
+        model: The agent.
+        env: A Gymnasium environment.
+        n_timesteps: Environment steps.
+        seed: Of the first reset.
+        deterministic: False explores.
+        n_episodes: Ends the play too, if it comes earlier.
+    """
+    episodes: list[tuple[bool, int]] = []
+    played = steps = 0
+    observation, _ = env.reset(seed=seed)
+    while played < n_timesteps:
+        action, _ = model.predict(observation, deterministic=deterministic)
+        observation, _, terminated, truncated, info = env.step(action)
+        played, steps = played + 1, steps + 1
+        if terminated or truncated:
+            episodes.append((bool(info.get("is_success", terminated)), steps))
+            if len(episodes) >= n_episodes:
+                break
+            observation, _ = env.reset()
+            steps = 0
+    return episodes
+
+
+def summary(episodes: list[tuple[bool, int]]) -> str:
+    """Return the line at the end."""
+    if not episodes:
+        return "No episode ended; play longer with -n"
+    lengths = [steps for success, steps in episodes if success]
+    rate = 100 * len(lengths) / len(episodes)
+    steps = f", {sum(lengths) / len(lengths):.2f} steps on average" if lengths else ""
+    return f"{len(episodes)} episodes, {len(lengths)} reached the target ({rate:.0f} %){steps}"
+
+
+def length(args: argparse.Namespace) -> tuple[float, float]:
+    """Return how many environment steps and how many episodes to play at most."""
+    for flag, value in (("-n", args.n_timesteps), ("--n-episodes", args.n_episodes), ("--zoom", args.zoom)):
+        if value is not None and value <= 0:
+            raise ConfigError(f"{flag} must be positive, got {value}")
+    if args.n_timesteps is None and args.n_episodes is None:
+        return (math.inf, DEFAULT_FILM_EPISODES) if args.video else (DEFAULT_TIMESTEPS, math.inf)
+    return args.n_timesteps or math.inf, args.n_episodes or math.inf
+
+
+@contextmanager
+def watched(env: Any, window: bool, video: Path | None, zoom: float) -> Iterator[Any]:
+    """Wrap an environment so that a person can watch it: in real time on a window, or on film."""
+    from sb3_stereo.envs.wrappers import WatchedPulses
+    from sb3_stereo.viz.film import N_PARTS, Filmed, make_writer
+
+    if (window or video) and not hasattr(env.unwrapped, "draw"):
+        raise ConfigError(f"{env.spec.id} cannot be watched, only environments of sb3_stereo can; add --no-render")
+    pause = 1 / (N_PARTS * env.metadata.get("render_fps", 1))
+    if window:
+        env = WatchedPulses(env, lambda _: time.sleep(pause), N_PARTS)
+    if video is None:
+        yield env
+        return
+    writer = make_writer(video, 1 / pause)
+    try:
+        yield Filmed(env, writer, zoom)
+    finally:
+        writer.close()
+    print(f"Filmed into {video}")
+
+
+def enjoy_command(args: argparse.Namespace) -> int:
+    """Load a run, play it and print its success."""
+    runtime.tune_allocator()
+    from sb3_stereo.building.factory import make_env
+    from sb3_stereo.config.schema import check_env_id
+    from sb3_stereo.config.values import parse_assignments
+    from sb3_stereo.runs.directory import find_run, import_packages, load_record, model_path
+    from sb3_stereo.runs.models import load_model
+
+    window = args.gui or not (args.no_render or args.video)
+    if window and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise ConfigError("there is no display to open a window on; add --no-render or --video FILE.mp4")
+    n_timesteps, n_episodes = length(args)
+    import_packages(args.gym_packages)
+    check_env_id(args.env)
+    check_device(args.device)
+    run = find_run(args.log_folder, args.algo, args.env, args.exp_id)
+    config, _ = load_record(run)
+    path = model_path(run, args.env, args.load_best, args.load_checkpoint)
+    runtime.set_threads(args.num_threads)
+    print(f"Loading {path}")
+    model = load_model(config, path, args.device, args.trust)
+    render_mode = {"render_mode": "human"} if window else {}
+    env_kwargs = {**config.env_kwargs, **parse_assignments(args.env_kwargs), **render_mode}
+    env = make_env(config.env_id, env_kwargs, config.env_wrapper)()
+    try:
+        with watched(env, window, args.video, args.zoom) as watched_env:
+            episodes = play(model, watched_env, n_timesteps, args.seed, not args.stochastic, n_episodes)
+    finally:
+        env.close()
+    print(summary(episodes))
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and play.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(enjoy_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,79 @@
+"""Score a run on the test poses: `python -m sb3_stereo evaluate logs/ddpg/WamStereoReach-v0_1`."""
+
+import argparse
+import json
+import math
+import sys
+from typing import Any
+
+from sb3_stereo import runtime
+from sb3_stereo.commands.flags import Parser, add_model_flags, add_process_flags, check_device, run_command
+from sb3_stereo.console import command_line
+from sb3_stereo.errors import ConfigError
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog=command_line("evaluate"), description="Score a trained agent, by default on the 100 fixed test poses."
+    )
+    parser.add_argument("run", metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v0_1")
+    add_model_flags(parser)
+    parser.add_argument("--poses", type=int, default=0, metavar="N", help="take N random poses instead")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the random poses (default: 0)")
+    parser.add_argument(
+        "--n-envs", type=int, default=-1, help="environments, each in its own process (default: free cores, up to 4)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_process_flags(parser)
+    return parser
+
+
+def evaluate_command(args: argparse.Namespace) -> int:
+    """Load a run, score it and print the score."""
+    runtime.tune_allocator()
+    from sb3_stereo.building.factory import VEC_ENVS, make_env
+    from sb3_stereo.console import Bar
+    from sb3_stereo.evaluation.callback import describe
+    from sb3_stereo.evaluation.protocol import evaluate, random_starts, test_starts
+    from sb3_stereo.runs.directory import import_packages, load_record, model_path
+    from sb3_stereo.runs.models import load_model
+
+    if args.poses < 0 or args.seed < 0:
+        raise ConfigError(f"--poses and --seed must not be negative, got {args.poses} and {args.seed}")
+    import_packages(args.gym_packages)
+    check_device(args.device)
+    config, _ = load_record(args.run)
+    path = model_path(args.run, config.env_id, args.load_best, args.load_checkpoint)
+    runtime.set_threads(args.num_threads)
+    starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id, config.env_kwargs)
+    n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
+    model, env_fn = (
+        load_model(config, path, args.device, args.trust),
+        make_env(config.env_id, config.env_kwargs, config.env_wrapper),
+    )
+    bar = Bar(len(starts), "pose") if args.verbose else Bar(len(starts), "pose", bar=False, interval=math.inf)
+    try:
+        result = evaluate(model, env_fn, starts, n_envs, VEC_ENVS["subproc" if n_envs > 1 else "dummy"], bar.update)
+    finally:
+        bar.close()
+    print(json.dumps(json_scores(result.scores())) if args.json else f"{path}: {describe(result)}")
+    return 0
+
+
+def json_scores(scores: dict[str, float]) -> dict[str, Any]:
+    """Return the scores with null for NaN, which JSON does not know."""
+    return {key: None if math.isnan(value) else value for key, value in scores.items()}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and score.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(evaluate_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""What the commands have in common: flags with the zoo's names, and errors in one sentence."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+from sb3_stereo.config.schema import DEFAULT_ENV
+from sb3_stereo.errors import ConfigError, one_line
+
+INTERRUPTED = 130  # 128 + SIGINT, the shell's convention
+
+
+class Parser(argparse.ArgumentParser):
+    """Argument parser whose errors are one sentence, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and leave with status 2."""
+        self.exit(2, f"error: {one_line(message)} (see --help)\n")
+
+
+def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) -> None:
+    """Add the flags for device, threads and packages.
+
+    Args:
+        parser: Where to add them.
+        num_threads: The default; -1 stands for the free cores.
+    """
+    threads = "as many as there are free cores, up to 4" if num_threads < 0 else str(num_threads)
+    parser.add_argument("--device", default="auto", help="PyTorch device, e.g. cpu, cuda (default: auto)")
+    parser.add_argument("--num-threads", type=int, default=num_threads, help=f"PyTorch threads (default: {threads})")
+    parser.add_argument(
+        "--gym-packages", nargs="+", default=[], metavar="PACKAGE", help="packages that register further environments"
+    )
+    parser.add_argument("--verbose", type=int, default=1, help="0 silent, 1 progress, 2 SB3's tables (default: 1)")
+
+
+def add_run_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags that choose a run."""
+    parser.add_argument("--algo", default="ddpg", help="ddpg, dqn, td3, sac, ppo, crossq or tqc (default: ddpg)")
+    parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")
+    parser.add_argument("-f", "--log-folder", "--folder", default="logs", help="log folder (default: logs)")
+
+
+def add_model_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags that choose one of a run's models; without any it is the final one."""
+    choice = parser.add_mutually_exclusive_group()
+    choice.add_argument("--load-best", action="store_true", help="take best_model.zip instead of the final model")
+    choice.add_argument("--load-checkpoint", type=int, metavar="N", help="take rl_model_N_steps.zip")
+    parser.add_argument("--trust", action="store_true", help="load a model from elsewhere, with the code it may hold")
+
+
+def check_device(device: str) -> None:
+    """Raise a ConfigError unless torch knows the device and it is there."""
+    import torch as th
+
+    try:
+        if device != "auto":
+            th.zeros(1, device=device)
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f"device '{device}' cannot be used ({reason}); cpu always works") from error
+
+
+def run_command(command: Callable[[Any], int], args: Any) -> int:
+    """Run a command; wrong input becomes one sentence on stderr and status 2.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    try:
+        return command(args)
+    except ConfigError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return INTERRUPTED

@@ -1,0 +1,90 @@
+"""What an agent would do on ordinary images: `python -m sb3_stereo play_images LEFT RIGHT --model RUN`."""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+
+from sb3_stereo import runtime
+from sb3_stereo.commands.flags import Parser, add_model_flags, add_process_flags, check_device, run_command
+from sb3_stereo.console import command_line
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.real_images.player import Player, drawn, plain, told
+from sb3_stereo.real_images.sources import image_sets
+
+if TYPE_CHECKING:
+    pass
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog=command_line("play_images"), description="Find the markers in images and print the agent's efforts."
+    )
+    parser.add_argument(
+        "sources", metavar="LEFT RIGHT", nargs="+", help="per view an image, a folder of images or a camera's index"
+    )
+    parser.add_argument("--model", required=True, metavar="RUN", help="run directory of the agent")
+    add_model_flags(parser)
+    parser.add_argument("-n", type=int, metavar="N", help="stop after N pairs (default: all; cameras: until Ctrl-C)")
+    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="write a picture of each answer")
+    parser.add_argument("--json", action="store_true", help="print one JSON object per pair")
+    add_process_flags(parser)
+    return parser
+
+
+def load_player(args: argparse.Namespace) -> Player:
+    """Load the run's agent and make its environment."""
+    from sb3_stereo.building.factory import make_env
+    from sb3_stereo.runs.directory import import_packages, load_record, model_path
+    from sb3_stereo.runs.models import load_model
+
+    import_packages(args.gym_packages)
+    check_device(args.device)
+    config, _ = load_record(args.model)
+    path = model_path(args.model, config.env_id, args.load_best, args.load_checkpoint)
+    runtime.set_threads(args.num_threads)
+    env = make_env(config.env_id, config.env_kwargs, config.env_wrapper)()
+    if not hasattr(env.unwrapped, "cameras"):
+        raise ConfigError(f"{config.env_id} has no cameras; give a run of an environment of sb3_stereo")
+    return Player(load_model(config, path, args.device, args.trust), env)
+
+
+def play_images_command(args: argparse.Namespace) -> int:
+    """Answer every set of images."""
+    runtime.tune_allocator()
+    if args.n is not None and args.n <= 0:
+        raise ConfigError(f"-n must be positive, got {args.n}")
+    images: Iterator[Any] = image_sets(args.sources)
+    player = load_player(args)
+    names = [camera.name for camera in player.cameras]
+    if len(args.sources) != len(names):
+        raise ConfigError(
+            f"the agent sees {len(names)} views ({', '.join(names)}), got {len(args.sources)}; give one each"
+        )
+    if args.draw:
+        args.draw.mkdir(parents=True, exist_ok=True)
+    for number, moment in enumerate(islice(images, args.n), 1):
+        answer = player.answer(moment)
+        print(json.dumps(plain(answer)) if args.json else told(answer, player.rho), flush=True)
+        if args.draw:
+            cv2.imwrite(str(args.draw / f"{number:04}.png"), drawn(answer, player.rho)[:, :, ::-1])
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and answer.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(play_images_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,49 @@
+"""Draw the learning curves of runs: `python -m sb3_stereo plot logs/ddpg/* -o curves.png`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from sb3_stereo.commands.flags import Parser, run_command
+from sb3_stereo.console import command_line
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.evaluation.curves import draw, group_runs
+
+FORMATS = (".pdf", ".png", ".svg")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog=command_line("plot"), description="Draw learning curves; runs that differ only in their seed share one."
+    )
+    parser.add_argument("runs", metavar="RUN", nargs="+", help="run directories, e.g. logs/ddpg/*")
+    parser.add_argument("-o", "--output", default="curves.png", metavar="FILE", help="picture (default: curves.png)")
+    return parser
+
+
+def plot_command(args: argparse.Namespace) -> int:
+    """Read the runs and draw them."""
+    file = Path(args.output)
+    if file.suffix not in FORMATS:
+        raise ConfigError(f"cannot draw '{file}'; the name must end in {', '.join(FORMATS)}")
+    groups = group_runs([Path(run) for run in args.runs])
+    try:
+        draw(groups, file)
+    except ModuleNotFoundError as error:
+        raise ConfigError(f'drawing needs {error.name}; install it with: pip install "sb3_stereo[plots]"') from error
+    print(f"Drew {', '.join(group.label for group in groups)} into {file}")
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and draw.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(plot_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,184 @@
+"""Train an agent: `python train.py --algo ddpg`, or `sb3-stereo train --algo ddpg`."""
+
+import argparse
+import os
+import random
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sb3_stereo import runtime
+from sb3_stereo.commands.flags import INTERRUPTED, Parser, add_process_flags, add_run_flags, check_device, run_command
+from sb3_stereo.console import aligned, command_line
+
+if TYPE_CHECKING:
+    from sb3_stereo.config.schema import Config
+    from sb3_stereo.training.trainer import Options, Result
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line; the flags are the zoo's."""
+    parser = Parser(prog=command_line("train"), description="Train an agent and score it on the test poses.")
+    add_run_flags(parser)
+    parser.add_argument("-n", "--n-timesteps", type=int, default=-1, help="environment steps (default: the YAML's)")
+    parser.add_argument("-i", "--trained-agent", metavar="ZIP", help="begin with the networks of this model")
+    parser.add_argument("--trust", action="store_true", help="begin with networks that no run of ours has saved, too")
+    parser.add_argument("--seed", type=int, default=-1, help="seed of everything random (default: a new one, printed)")
+    parser.add_argument("-conf", "--conf-file", help="YAML with hyper-parameters (default: ours for the algorithm)")
+    parser.add_argument(
+        "-params",
+        "--hyperparams",
+        nargs="+",
+        metavar="KEY:VALUE",
+        help="overrides, e.g. gamma:0.9 policy_kwargs.n_critics:1",
+    )
+    parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
+    parser.add_argument("--vec-env", choices=("dummy", "subproc"), default="dummy", help="how n_envs are stepped")
+    parser.add_argument(
+        "--eval-freq",
+        type=int,
+        default=0,
+        help="steps between scores (default: the paper's checkpoints; -1: only the end)",
+    )
+    parser.add_argument(
+        "--n-eval-envs",
+        type=int,
+        default=-1,
+        help="environments per score, in processes (default: free cores, up to 4)",
+    )
+    parser.add_argument(
+        "--save-freq", type=int, default=1000, help="steps between checkpoints (default: 1000; -1: none)"
+    )
+    parser.add_argument("--resume", metavar="RUN", help="go on with a run that was killed, with its own settings")
+    parser.add_argument("-tb", "--tensorboard-log", help="TensorBoard folder (default: none)")
+    parser.add_argument("-P", "--progress", action="store_true", help="draw the progress bar even without a terminal")
+    add_process_flags(parser)
+    return parser
+
+
+def make_config(args: argparse.Namespace) -> "Config":
+    """Return what a command learns."""
+    from sb3_stereo.config.schema import load_config
+    from sb3_stereo.config.values import parse_assignments
+
+    params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
+    return load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
+
+
+def make_options(args: argparse.Namespace) -> "Options":
+    """Return how a command runs its training."""
+    from sb3_stereo.training.trainer import Options
+
+    return Options(
+        seed=args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31),
+        log_folder=args.log_folder,
+        eval_freq=args.eval_freq,
+        n_eval_envs=args.n_eval_envs if args.n_eval_envs > 0 else runtime.free_cores(),
+        save_freq=args.save_freq,
+        tensorboard_log=args.tensorboard_log,
+        device=args.device,
+        vec_env=args.vec_env,
+        trained_agent=args.trained_agent,
+        trust=args.trust,
+        progress=args.progress or None,
+        verbose=args.verbose,
+    )
+
+
+def train_command(args: argparse.Namespace) -> int:
+    """Read the configuration, train, and say how it went."""
+    runtime.tune_allocator()
+    if args.resume:
+        return resume_command(args)
+    from sb3_stereo.runs.directory import import_packages
+    from sb3_stereo.training.trainer import train
+
+    import_packages(args.gym_packages)
+    config = make_config(args)
+    check_flags(args)
+    options = make_options(args)
+    with runtime.threads_for(args.num_threads) as n_threads:
+        if args.verbose:
+            print(f"Training {config.algo} on {config.env_id}, seed {options.seed}, {n_threads} threads, with")
+            print(settings_table(config), flush=True)
+        start = time.monotonic()
+        result = train(config, options, vars(args))
+        return report(result, time.monotonic() - start, args.verbose)
+
+
+def settings_table(config: "Config") -> str:
+    """Return a line per setting."""
+    from sb3_stereo.config.schema import settings
+
+    return aligned([[key, str(value)] for key, value in settings(config).items()], right=False)
+
+
+def report(result: "Result", seconds: float, verbose: int) -> int:
+    """Say how a training went and return the exit status."""
+    from sb3_stereo.evaluation.scores import read_scores, score_table
+    from sb3_stereo.runs.directory import BEST_MODEL, how_to_watch
+
+    if verbose and result.evaluation is not None:
+        print(f"\nScores:\n{score_table(read_scores(result.run))}")
+        print(f"The best one is {BEST_MODEL}: watch it with {how_to_watch(result.run)}\n")
+    print(last_line(result, seconds))
+    return INTERRUPTED if result.interrupted else 0
+
+
+def resume_command(args: argparse.Namespace) -> int:
+    """Go on with a run and say how it went."""
+    from sb3_stereo.errors import ConfigError
+    from sb3_stereo.runs.directory import load_record
+    from sb3_stereo.training.trainer import resume
+
+    given = [name for name, value in vars(make_parser().parse_args([])).items() if getattr(args, name) != value]
+    for name in set(given) - {"resume", "verbose"}:
+        raise ConfigError(f"--resume takes the run's own settings, got '{name}' too; leave it out")
+    run = Path(args.resume)
+    with runtime.threads_for(load_record(run)[1].get("num_threads", -1)):
+        start = time.monotonic()
+        return report(resume(run, args.verbose), time.monotonic() - start, args.verbose)
+
+
+def check_flags(args: argparse.Namespace) -> None:
+    """Raise a ConfigError for a flag whose value or extra is missing."""
+    from importlib.util import find_spec
+
+    from sb3_stereo.errors import ConfigError
+
+    check_device(args.device)
+    if args.seed >= 2**32:
+        raise ConfigError(f"--seed must be below {2**32}, got {args.seed}")
+    if args.tensorboard_log and find_spec("tensorboard") is None:
+        raise ConfigError("-tb needs TensorBoard; install it with: pip install 'sb3_stereo[tensorboard]'")
+    if args.progress and find_spec("tqdm") is None:
+        raise ConfigError("-P needs tqdm; install it with: pip install 'sb3_stereo[progress]'")
+
+
+def last_line(result: "Result", seconds: float) -> str:
+    """Return what a person wants to know at the end."""
+    from sb3_stereo.console import duration
+    from sb3_stereo.evaluation.callback import describe
+    from sb3_stereo.runs.directory import how_to_resume
+
+    took = duration(seconds)
+    run = f"run: {os.path.relpath(result.run)}"
+    if result.interrupted:
+        after = f"after {result.n_timesteps} steps in {took}"
+        return f"Interrupted by {result.interrupted} {after}; the model is saved; {how_to_resume(result.run)}"
+    assert result.evaluation is not None  # every training that ends is scored
+    return f"Done: {result.n_timesteps} steps in {took}; {describe(result.evaluation)}; {run}"
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and train.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(train_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""Progress for a person: a bar on a terminal, a plain line now and then elsewhere; both say how long it will take."""
+
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+
+class Bar:
+    """Counts towards a total on stderr.
+
+    Args:
+        total: Where the count ends.
+        unit: What is counted, in the singular.
+        bar: True draws a bar with tqdm, False prints lines, None decides by whether stderr is a terminal.
+        interval: Seconds between two lines.
+        done: Where the count starts.
+    """
+
+    def __init__(self, total: int, unit: str, bar: bool | None = None, interval: float = 30.0, done: int = 0) -> None:
+        self.total, self.unit, self.interval, self.first = total, unit, interval, done
+        self.start = self.last_line = time.monotonic()
+        self.pbar = _make_bar(total, unit, done) if (sys.stderr.isatty() if bar is None else bar) else None
+
+    def update(self, done: int, note: str = "") -> None:
+        """Show that `done` of the total are done, with a note on how it goes."""
+        if self.pbar is not None:
+            self.pbar.set_postfix_str(note, refresh=False)
+            self.pbar.update(done - self.pbar.n)
+        elif time.monotonic() - self.last_line > self.interval:
+            self.last_line = time.monotonic()
+            speed = f"{(done - self.first) / (self.last_line - self.start):.1f} {self.unit}s/s"
+            line = [f"{done}/{self.total} {self.unit}s", *filter(None, [note]), speed, self.left(done)]
+            print(", ".join(line), file=sys.stderr, flush=True)
+
+    def left(self, done: int) -> str:
+        """Say how long the rest takes at the speed so far."""
+        if done == self.first:
+            return "time left unknown"
+        return f"{duration((time.monotonic() - self.start) / (done - self.first) * (self.total - done))} left"
+
+    def close(self) -> None:
+        """Leave the bar as it stands; may be called twice."""
+        if self.pbar is not None:
+            self.pbar.close()
+            self.pbar = None
+
+
+def say(line: str) -> None:
+    """Print a line on stdout, above a bar if there is one."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        print(line)
+    else:
+        tqdm.write(line, file=sys.stdout)
+    sys.stdout.flush()
+
+
+def duration(seconds: float) -> str:
+    """Return a time in the unit that a person would say."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
+
+
+def _make_bar(total: int, unit: str, done: int) -> Any:
+    try:
+        from tqdm import tqdm
+    except ImportError:  # the extra 'progress' is not installed: lines do as well
+        return None
+    return tqdm(total=total, initial=done, unit=unit, dynamic_ncols=True, smoothing=0.05, file=sys.stderr)
+
+
+def aligned(rows: Sequence[Sequence[str]], right: bool = True) -> str:
+    """Return rows of cells as lines, each column as wide as its widest cell."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    side = ">" if right else "<"
+    lines = ("  ".join(f"{cell:{side}{width}}" for cell, width in zip(row, widths)) for row in rows)
+    return "\n".join(f"  {line.rstrip()}" for line in lines)
+
+
+def command_line(command: str, *arguments: str) -> str:
+    """Return what to type for a command of ours, with or without a checkout."""
+    return shlex.join(["python", "-m", "sb3_stereo", command, *arguments])

@@ -1,0 +1,146 @@
+"""Score the agent on the test poses while it learns."""
+
+import csv
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_stereo.building.factory import VEC_ENVS
+from sb3_stereo.console import say
+from sb3_stereo.evaluation.protocol import Evaluation, Start, evaluate
+from sb3_stereo.runs.directory import BEST_MODEL, EVALUATIONS
+from sb3_stereo.runs.models import save_model
+
+OnScore = Callable[[Path], None]
+
+# Training steps of the paper's Tables 3 and 4.
+PAPER_CHECKPOINTS = {
+    "ddpg": (1500, 2000, 5000, 7000, 8500),
+    "dqn": (1500, 3500, 5500, 7500, 10000),
+}
+
+
+def checkpoints(algo: str, n_timesteps: int, eval_freq: int = 0) -> tuple[int, ...]:
+    """Return the steps at which an agent is scored before the end of its training.
+
+    Args:
+        algo: The algorithm, which decides the paper's checkpoints; one that the paper has not takes DDPG's.
+        n_timesteps: Steps of the training; the score at its end is not part of the list.
+        eval_freq: 0 takes the paper's checkpoints, a positive number every so many steps, a negative one none.
+    """
+    if eval_freq > 0:
+        return tuple(range(eval_freq, n_timesteps, eval_freq))
+    steps = PAPER_CHECKPOINTS.get(algo, PAPER_CHECKPOINTS["ddpg"])
+    return tuple(step for step in steps if step < n_timesteps) if eval_freq == 0 else ()
+
+
+class PoseEvalCallback(BaseCallback):
+    """Scores the agent at given steps and at the end, and keeps the records and the best model.
+
+    Args:
+        env_fn: Makes the environment with all its wrappers.
+        starts: Resets to begin from.
+        run_dir: Where `evaluations.csv` and `best_model.zip` go.
+        steps: Environment steps at which to score; the end of the training is always scored.
+        n_envs: Environments that are stepped together.
+        vec_env: "dummy" or "subproc".
+        verbose: 1 prints a line per score.
+        on_score: Called with the run directory after every score but the one at the end of the training.
+    """
+
+    def __init__(
+        self,
+        env_fn: Any,
+        starts: Sequence[Start],
+        run_dir: Path,
+        steps: Sequence[int] = (),
+        n_envs: int = 1,
+        vec_env: str = "dummy",
+        verbose: int = 0,
+        on_score: OnScore | None = None,
+    ) -> None:
+        super().__init__(verbose)
+        self.env_fn = env_fn
+        self.starts = starts
+        self.run_dir = run_dir
+        self.steps = sorted(steps)
+        self.n_envs = n_envs
+        self.vec_env = vec_env
+        self.on_score = on_score
+        self.best: tuple[float, float] | None = None
+        self.last: Evaluation | None = None
+
+    def _on_training_start(self) -> None:
+        self.start_time = time.monotonic()
+
+    def _on_step(self) -> bool:
+        due = [step for step in self.steps if step <= self.num_timesteps]
+        self.steps = self.steps[len(due) :]
+        if due and self.num_timesteps < self.locals.get("total_timesteps", float("inf")):
+            self.score()
+            if self.on_score is not None:
+                self.on_score(self.run_dir)
+        return True
+
+    def _on_training_end(self) -> None:
+        self.num_timesteps = self.model.num_timesteps
+        self.score()
+
+    def score(self) -> Evaluation:
+        """Score the agent now."""
+        result = evaluate(self.model, self.env_fn, self.starts, self.n_envs, VEC_ENVS[self.vec_env])
+        self.last = result
+        scores = result.scores()
+        append_row(self.run_dir / EVALUATIONS, {"timesteps": self.num_timesteps} | scores | self._elapsed())
+        for name, value in scores.items():
+            self.logger.record(f"eval/{name}", value)
+        self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
+        self.logger.dump(self.num_timesteps)
+        self._keep_best(result)
+        if self.verbose:
+            say(f"{self.num_timesteps} steps: {describe(result)}")
+        return result
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the coming scores depend on."""
+        return {"best": self.best, **self._elapsed()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a `state_dict`."""
+        self.best = state["best"]
+        self.start_time -= state["seconds"]
+        self.steps = [step for step in self.steps if step > self.num_timesteps]
+
+    def _elapsed(self) -> dict[str, float]:
+        return {"seconds": round(time.monotonic() - self.start_time, 1)}
+
+    def _keep_best(self, result: Evaluation) -> None:
+        """Keep the model with the most successes, then with the fewest steps."""
+        quality = (result.success_rate, -result.mean_steps_capped)
+        if self.best is not None and quality <= self.best:
+            return
+        self.best = quality
+        save_model(self.model, self.run_dir / BEST_MODEL)
+
+
+def append_row(path: Path, row: dict[str, Any]) -> None:
+    """Append one row to a CSV file, with a header if the file is new."""
+    is_new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(row))
+        if is_new:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def describe(result: Evaluation) -> str:
+    """Return a score as a phrase a person can read."""
+    reached = int(result.success.sum())
+    steps = f", {result.mean_steps_success:.2f} steps on average" if reached else ""
+    return (
+        f"reached the target from {reached} of {result.n_poses} poses ({100 * result.success_rate:.0f} %){steps}, "
+        f"{result.mean_steps_capped:.2f} with failures counted as the cap"
+    )

@@ -1,0 +1,103 @@
+"""Learning curves of runs: the mean over seeds with its bootstrap interval."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.config.schema import settings
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.evaluation.scores import read_scores
+from sb3_stereo.runs.directory import load_record
+
+Floats = NDArray[np.float64]
+
+
+PANELS = {
+    "success_rate": "reached",
+    "mean_steps_success": "steps when reached",
+    "mean_return": "return",
+    "mean_q": "Q",
+    "mean_action": "|a|",
+}
+
+
+class Curves(NamedTuple):
+    """Runs of one configuration, which differ in their seeds."""
+
+    label: str
+    timesteps: NDArray[np.int64]  # (n_checkpoints,), those that all runs have
+    scores: dict[str, Floats]  # column: (n_runs, n_checkpoints)
+
+
+def group_runs(runs: Sequence[Path]) -> list[Curves]:
+    """Put runs of equal configuration together, and label the groups by what differs."""
+    groups: list[tuple[dict[str, Any], list[Path]]] = []
+    for run in runs:
+        found = settings(load_record(run)[0])
+        members = next((members for known, members in groups if known == found), None)
+        if members is None:
+            groups.append((found, [run]))
+        else:
+            members.append(run)
+    everything = [settings for settings, _ in groups]
+    return [_curves(label(settings, everything), members) for settings, members in groups]
+
+
+def label(settings: Mapping[str, Any], everything: Sequence[Mapping[str, Any]]) -> str:
+    """The algorithm, and the settings that are not the same in all groups."""
+    keys = sorted({key for other in everything for key in other} - {"algo"})
+    differing = [key for key in keys if any(other.get(key) != everything[0].get(key) for other in everything)]
+    return ", ".join([str(settings["algo"]), *(f"{key.rpartition('.')[2]} {settings.get(key)}" for key in differing)])
+
+
+def _curves(name: str, runs: Sequence[Path]) -> Curves:
+    scores = [read_scores(run) for run in runs]
+    timesteps = sorted(set.intersection(*(set(by_step) for by_step in scores)))
+    if not timesteps:
+        raise ConfigError(f"the runs of '{name}' were scored at different steps; plot them one by one")
+    columns = {
+        column: np.array([[by_step[step].get(column, np.nan) for step in timesteps] for by_step in scores])
+        for column in PANELS
+    }
+    return Curves(f"{name} ({len(runs)} run{'s' * (len(runs) > 1)})", np.array(timesteps), columns)
+
+
+def draw(groups: Sequence[Curves], file: Path) -> None:
+    """Draw a panel per score that is known: the mean over runs and its 95 % bootstrap interval."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    known = [c for c in PANELS if c == "success_rate" or any(np.isfinite(group.scores[c]).any() for group in groups)]
+    figure, axes = plt.subplots(1, len(known), figsize=(4 * len(known), 3.6), layout="constrained", squeeze=False)
+    for column, panel in zip(known, axes[0], strict=True):
+        for group in groups:
+            _draw_curve(panel, group, column)
+        panel.set(title=PANELS[column], xlabel="environment steps")
+        panel.grid(alpha=0.3)
+    axes[0, 0].set(ylim=(-0.03, 1.03))
+    labels = [textwrap.fill(group.label, 28 * len(known)) for group in groups]
+    figure.legend(axes[0, 0].get_lines(), labels, loc="outside lower left", fontsize="small")
+    try:
+        figure.savefig(file, dpi=120)
+    except OSError as error:
+        raise ConfigError(f"cannot write '{file}' ({error.strerror}); choose another with -o") from error
+    finally:
+        plt.close(figure)
+
+
+def _draw_curve(panel: Any, group: Curves, column: str) -> None:
+    values = group.scores[column]
+    shown = np.isfinite(values).any(axis=0)  # e.g. no steps before the first success
+    steps, known = group.timesteps[shown], [row[np.isfinite(row)] for row in values[:, shown].T]
+    (curve,) = panel.plot(steps, [row.mean() for row in known], marker="o", markersize=3)
+    if len(values) > 1 and known:
+        from sb3_stereo.evaluation.intervals import interval
+
+        low, high = np.transpose([interval(row) for row in known])
+        panel.fill_between(steps, low, high, alpha=0.2, color=curve.get_color())

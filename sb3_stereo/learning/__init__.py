@@ -1,0 +1,1 @@
+"""What is added to SB3's update."""

@@ -1,0 +1,1 @@
+"""Ordinary images in place of rendered frames."""

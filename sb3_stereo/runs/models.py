@@ -1,0 +1,134 @@
+"""Models on disk: saved as SB3 saves them, with a checksum beside them, and loaded without running what they hold.
+
+An SB3 zip runs code when SB3 loads it: its settings are a pickle. Of our runs the settings are plain YAML, so that only
+the weights are read from the zip, which `torch.load(weights_only=True)` does without running anything.
+"""
+
+import io
+import pickle
+import zipfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sb3_stereo.building.factory import make_env, make_model
+from sb3_stereo.config.schema import Config, algorithm
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.runs.files import partial_path, publish, replacing, sha256
+from sb3_stereo.runs.training_state import variables
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+CHECKSUMS = "SHA256SUMS"  # for `sha256sum -c`
+MIB = 2**20
+
+
+def save_model(model: "BaseAlgorithm", path: Path) -> None:
+    """Save a model and its checksum so that an interruption leaves the old file or the new one, never half of one."""
+    partial = partial_path(path)
+    try:
+        model.save(partial)
+        digest = sha256(partial)
+        before = _checksums(path.parent)
+        _write_checksums(path.parent, [*before, (digest, path.name)])  # either file is a good one
+        publish(partial, path)
+        _write_checksums(path.parent, [*[line for line in before if line[1] != path.name], (digest, path.name)])
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _checksums(folder: Path) -> list[tuple[str, str]]:
+    """Pairs of digest and file name."""
+    file = folder / CHECKSUMS
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    return [(digest, name) for digest, _, name in (line.partition("  ") for line in lines)]
+
+
+def _write_checksums(folder: Path, pairs: Sequence[tuple[str, str]]) -> None:
+    with replacing(folder / CHECKSUMS) as partial:
+        partial.write_text("".join(f"{digest}  {name}\n" for digest, name in pairs), encoding="utf-8")
+
+
+def load_model(config: Config, path: Path, device: str = "auto", trust: bool = False) -> "BaseAlgorithm":
+    """Load a run's model for acting; its replay buffer is the smallest one.
+
+    Args:
+        config: The run's.
+        path: The zip file.
+        device: PyTorch device.
+        trust: Let SB3 load the file, with all the code that may be in it.
+
+    Raises:
+        ConfigError: If the file is not what the run saved, or does not go with the configuration.
+    """
+    if trust:
+        model: BaseAlgorithm = algorithm(config.algo).load(path, device=device, buffer_size=1)
+        return model
+    model = untrained_model(config, device)
+    load_weights(model, path)
+    return model
+
+
+def untrained_model(config: Config, device: str = "auto", seed: int | None = None) -> "BaseAlgorithm":
+    """Return a run's model as it was before the training, but for its replay buffer, which is the smallest one."""
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    small = {"buffer_size": 1} if "buffer_size" in config.algo_kwargs else {}
+    env = DummyVecEnv([make_env(config.env_id, config.env_kwargs, config.env_wrapper)])
+    try:
+        return make_model(replace(config, algo_kwargs={**config.algo_kwargs, **small}), env, seed, device)
+    finally:
+        env.close()
+
+
+def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False) -> None:
+    """Give a model the networks, optimizers and entropy coefficient of a saved one.
+
+    Args:
+        model: Of the same settings.
+        path: The zip file.
+        trust: Take a file without a checksum too. Nothing in it is run in either case.
+
+    Raises:
+        ConfigError: If the file is not what a run saved, or the networks are others.
+    """
+    if not trust:
+        _check(path)
+    names = model._get_torch_save_params()[0]
+    # Adam keeps two numbers per weight; more than that is a zip bomb.
+    limit = 4 * sum(t.numel() * t.element_size() for t in model.policy.state_dict().values()) + MIB
+    try:
+        with zipfile.ZipFile(path) as archive:
+            model.set_parameters({name: _read(archive, f"{name}.pth", limit) for name in names})
+            if learnt := variables(model):
+                saved = _read(archive, "pytorch_variables.pth", limit)
+                for name, variable in learnt.items():
+                    variable.data.copy_(saved[name])
+    except (OSError, zipfile.BadZipFile, KeyError, ValueError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise ConfigError(f"cannot load '{path}': {reason}; choose a model of the same settings") from error
+
+
+def _read(archive: zipfile.ZipFile, name: str, limit: int) -> Any:
+    import torch as th
+
+    size = archive.getinfo(name).file_size
+    if size > limit:
+        raise ValueError(f"'{name}' is of {size} bytes, and these networks need at most {limit}")
+    return th.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+
+
+def _check(path: Path) -> None:
+    """Raise a ConfigError unless the file is one that a run saved here."""
+    if not path.is_file():
+        raise ConfigError(f"no model '{path}'; give the zip file of one, such as the best_model.zip of a run")
+    digests = [digest for digest, name in _checksums(path.parent) if name == path.name]
+    if sha256(path) in digests:
+        return
+    what = f"was changed after it was saved: {CHECKSUMS} beside it has another checksum" if digests else ""
+    raise ConfigError(
+        f"'{path}' {what or f'is not from a run: no {CHECKSUMS} beside it names it'}; "
+        "if you trust who made it, load it with --trust, which may run code that is in the file"
+    )

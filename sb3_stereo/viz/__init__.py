@@ -1,0 +1,1 @@
+"""Images and videos of what the agent sees and does."""

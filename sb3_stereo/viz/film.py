@@ -1,0 +1,141 @@
+"""Films of an agent: both views, what is measured in them and what the network sees, as .mp4 or .gif."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.wrappers import WatchedPulses
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.viz.drawing import GREEN, Effort, Story, look, scene
+
+Image = NDArray[np.uint8]
+
+FORMATS = (".gif", ".mp4")
+N_PARTS = 6  # pictures of a pulse, which lasts half a second
+PAUSE, END = 4, 15  # pictures for which a step's result and an episode's end stand still
+GIF_COLOURS, GIF_SCALE = 48, 0.8
+
+
+class Writer(Protocol):
+    """Takes pictures one by one."""
+
+    def write(self, picture: Image, n: int) -> None:
+        """Append an RGB picture that stands for `n` frames; all are of the same size."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+class Filmed(gym.Wrapper[Any, Any, Any, Any]):
+    """Hand pictures of every moment to a writer.
+
+    Args:
+        env: A `StereoReachEnv`, wrapped or not.
+        writer: Of the film.
+        zoom: As in `scene`.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], writer: Writer, zoom: float = 1.0) -> None:
+        super().__init__(WatchedPulses(env, self._look, N_PARTS))
+        self.writer, self.zoom = writer, zoom
+        self.steps = 0
+        self.efforts: list[Effort] = []
+
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        self.observation, info = self.env.reset(**kwargs)
+        self.steps, self.efforts = 0, []
+        self._picture(["start"], n=PAUSE)
+        return self.observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Film a pulse and its result."""
+        self.steps += 1
+        self.observation, reward, terminated, truncated, info = self.env.step(action)
+        distance = float(np.mean(info["pixel_distances"]))
+        lines = [f"step {self.steps}", f"reward {reward:+.2f}", f"mean distance {distance:.1f} px"]
+        verdict = "reached" if info["is_success"] else "not reached" if truncated else ""
+        self._picture(lines, verdict, info["is_success"], END if terminated or truncated else PAUSE)
+        return self.observation, reward, terminated, truncated, info
+
+    def _look(self, efforts: Sequence[float]) -> None:
+        env: Any = self.unwrapped
+        shares = np.divide(efforts, env.effort_limits)
+        self.efforts = [Effort(*known) for known in zip(env.arm.spec.joints, efforts, shares, strict=True)]
+        self._picture([f"step {self.steps}"])
+
+    def _picture(self, lines: Sequence[str], verdict: str = "", good: bool = True, n: int = 1) -> None:
+        story = Story(lines, self.efforts, verdict, good)
+        self.writer.write(scene(look(self), self.observation, story, self.zoom), n)
+
+
+class Mp4:
+    """VP9 in an .mp4, which browsers play; by OpenCV."""
+
+    def __init__(self, file: Path, fps: float) -> None:
+        self.file, self.fps = file, fps
+        self._writer: Any = None
+
+    def write(self, picture: Image, n: int) -> None:
+        """Append an RGB picture that stands for `n` frames; the first one's size is the film's."""
+        if self._writer is None:
+            height, width, _ = picture.shape
+            codec = cv2.VideoWriter.fourcc(*"vp09")
+            self._writer = cv2.VideoWriter(str(self.file), codec, self.fps, (width, height))
+        for _ in range(n):
+            self._writer.write(np.ascontiguousarray(picture[:, :, ::-1]))
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._writer is not None:
+            self._writer.release()
+
+
+class Gif:
+    """An endless .gif, small enough for a page; by Pillow."""
+
+    def __init__(self, file: Path, fps: float) -> None:
+        from PIL import Image as pillow
+
+        self.file, self.fps, self._pillow = file, fps, pillow
+        self._palette: Any = None
+        self._pictures: list[Any] = []
+        self._milliseconds: list[int] = []
+
+    def write(self, picture: Image, n: int) -> None:
+        """Append an RGB picture that stands for `n` frames."""
+        small = cv2.resize(picture, None, fx=GIF_SCALE, fy=GIF_SCALE, interpolation=cv2.INTER_AREA)
+        if self._palette is None:  # one for all, so that what stands still costs nothing
+            inks = np.full((40, small.shape[1], 3), GREEN, np.uint8)
+            self._palette = self._pillow.fromarray(np.vstack([small, inks])).quantize(GIF_COLOURS)
+        image = self._pillow.fromarray(small)
+        self._pictures.append(image.quantize(palette=self._palette, dither=self._pillow.Dither.NONE))
+        self._milliseconds.append(round(1000 * n / self.fps))
+
+    def close(self) -> None:
+        """Write the file."""
+        if self._pictures:
+            first, *others = self._pictures
+            times = self._milliseconds
+            first.save(self.file, save_all=True, append_images=others, duration=times, loop=0, optimize=True)
+
+
+def make_writer(file: Path, fps: float) -> Writer:
+    """Return the writer for a file's ending.
+
+    Raises:
+        ConfigError: If there is none, or the file cannot be written.
+    """
+    if file.suffix not in FORMATS:
+        raise ConfigError(f"cannot film into '{file}'; the name must end in {', '.join(FORMATS)}")
+    if not file.parent.is_dir():
+        raise ConfigError(f"cannot write '{file}' (no folder '{file.parent}'); choose another with --video")
+    try:
+        return Mp4(file, fps) if file.suffix == ".mp4" else Gif(file, fps)
+    except ModuleNotFoundError as error:
+        raise ConfigError('a .gif needs Pillow; install it with: pip install "sb3_stereo[film]"') from error

@@ -1,0 +1,185 @@
+"""Your own arm and cameras: from maps and files, and what is said of a wrong one."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from sb3_stereo.config.schema import load_config, parse_config
+from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, camera_specs, mirror_each_other
+from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
+from sb3_stereo.envs.specs import plain
+from sb3_stereo.envs.survey import survey
+from sb3_stereo.errors import ConfigError
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+MY_ARM, MY_CAMERAS = str(EXAMPLES / "my_arm.yml"), str(EXAMPLES / "my_cameras.yml")
+MINIMAL = {"urdf": "wam.urdf", "joints": ["J1"], "end_effector_link": "palm", "effort_limits": [1], "damping": [1]}
+
+
+@pytest.mark.parametrize("spec", ARMS.values(), ids=ARMS)
+def test_an_arm_survives_yaml(spec: ArmSpec) -> None:
+    assert arm_spec(yaml.safe_load(yaml.safe_dump(plain(spec)))) == spec
+
+
+def test_pairs_may_be_a_map_and_numbers_texts() -> None:
+    spec = arm_spec({**MINIMAL, "rest": {"J2": "1e-1"}, "link_colors": {"palm": [0, "5e-1", 1]}})
+    assert spec.rest == (("J2", 0.1),)
+    assert spec.link_colors == (("palm", (0.0, 0.5, 1.0)),)
+
+
+def test_cameras_survive_yaml() -> None:
+    assert camera_specs(yaml.safe_load(yaml.safe_dump(plain(STEREO_PAIR)))) == STEREO_PAIR
+
+
+def test_a_robot_file_may_lie_beside_its_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "mine.urdf").write_text("<robot/>")
+    (tmp_path / "arm.yml").write_text(yaml.safe_dump({**MINIMAL, "urdf": "mine.urdf"}))
+    monkeypatch.chdir(tmp_path.parent)
+    assert arm_spec(f"{tmp_path.name}/arm.yml").urdf == str(tmp_path / "mine.urdf")
+
+
+def test_the_examples_make_an_environment() -> None:
+    env = StereoReachEnv(arm=MY_ARM, cameras=MY_CAMERAS)
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    assert env.arm.spec.joints == ("joint1", "joint2", "joint3", "joint5")
+    assert [camera.spec.name for camera in env.cameras] == ["front", "side"]
+    assert env.mirrored_joints is None
+    env.close()
+
+
+def test_a_record_holds_what_the_files_held(tmp_path: Path) -> None:
+    config = load_config("ddpg", "WamStereoReach-v0", env_kwargs={"arm": MY_ARM, "cameras": MY_CAMERAS})
+    assert config.env_kwargs["arm"]["joints"] == ["joint1", "joint2", "joint3", "joint5"]
+    recorded = yaml.safe_load(yaml.safe_dump(config.plain()))
+    assert parse_config("ddpg", "WamStereoReach-v0", recorded) == config
+
+
+def test_what_stands_on_the_floor_does_not_collide_with_it() -> None:
+    """The xArm's base is a link of its own on a frame called world."""
+    env = StereoReachEnv(arm=MY_ARM)
+    env.arm.rest_at([0, 0, 0, 0])
+    assert not env.arm.contacts()
+    touched = set()
+    for pose in np.random.default_rng(0).uniform(*env.arm.limits.T, (50, 4)):
+        env.arm.rest_at(pose)
+        touched |= env.arm.contacts()
+    assert "link5 and the floor" in touched and "link_base and the floor" not in touched
+    env.close()
+
+
+def test_mirrored_cameras_are_recognised() -> None:
+    left, right = STEREO_PAIR
+    middle = CameraSpec("middle", (3.0, 0.0, 1.0))
+    assert mirror_each_other((left, right)) and mirror_each_other((left, middle, right))
+    assert not mirror_each_other((left, middle)) and not mirror_each_other((left,))
+    assert not mirror_each_other((left, replace(right, horizontal_fov=1.0)))
+
+
+def test_a_survey_measures_the_wam() -> None:
+    env = StereoReachEnv()
+    result = survey(env, n_poses=60, n_steps=30)
+    assert result.joints == ("J1", "J2", "J3", "J4") and result.mirrored_joints == ("J1", "J3")
+    assert result.unlikeness < 0.1 and result.misplaced == 0.0
+    assert 0.7 < result.free < 1.0 and 0.8 < result.seen[0] <= result.seen[1]
+    assert np.all((result.travel > 0.5) & (result.travel < 1.3))
+    assert sum(share for _, share in result.collisions) >= 1 - result.free
+    env.close()
+
+
+def test_a_survey_sees_a_shell_of_a_markers_colour() -> None:
+    red = replace(WAM, link_colors=(("forearm", (1.0, 0.0, 0.0)),))
+    env = StereoReachEnv(arm=red)
+    assert survey(env, n_poses=20, n_steps=1).misplaced > 0.5
+    env.close()
+
+
+def test_a_survey_of_an_arm_that_always_collides_names_the_links() -> None:
+    env = StereoReachEnv(arm=replace(ARMS["panda"], collision_exempt=()))
+    with pytest.raises(ValueError) as error:
+        survey(env, n_poses=10)
+    assert str(error.value) == (
+        "no random pose is free of collisions: panda_hand and panda_link7 touch in 100%; "
+        "add links to collision_exempt or change rest"
+    )
+    env.close()
+
+
+ERRORS: list[tuple[Any, str]] = [
+    ("kua", "unknown arm 'kua'; arms are wam, kuka, panda, or give a .yml file"),
+    ("no.yml", "no arm file 'no.yml'; give the path of a YAML file"),
+    (3, "arm is 3; give a map"),
+    ({"urdf": "wam.urdf"}, "arm lacks joints, end_effector_link, effort_limits, damping; add what is missing"),
+    (
+        {**MINIMAL, "color": "red"},
+        "unknown field of arm 'color'; fields are urdf, joints, end_effector_link, effort_limits, damping, "
+        "end_effector_offset, rest, base_position, mirrored_joints, drive_inertia, collision_exempt, link_colors, "
+        "simple_shapes, marker_radius",
+    ),
+    ({**MINIMAL, "joints": "J1"}, "arm: joints is 'J1'; give a list of texts"),
+    ({**MINIMAL, "damping": ["much"]}, "arm: damping is 'much'; give a number"),
+    ({**MINIMAL, "damping": [True]}, "arm: damping is True; give a number"),
+    ({**MINIMAL, "damping": [float("nan")]}, "arm: damping is nan; give a number"),
+    ({**MINIMAL, "base_position": [0, 1]}, "arm: base_position is [0, 1]; give 3 numbers"),
+    ({**MINIMAL, "rest": 1}, "arm: rest is 1; give a map or a list of pairs"),
+    ({**MINIMAL, "simple_shapes": 1}, "arm: simple_shapes is 1; give true or false"),
+    ({**MINIMAL, "joints": ["J1", "J1"]}, "joints are ('J1', 'J1'); give at least one, each once"),
+    ({**MINIMAL, "damping": [1, 2]}, "damping has 2 values for 1 joints; give one each"),
+    ({**MINIMAL, "effort_limits": [0]}, "effort_limits are (0.0,); give positive numbers"),
+    ({**MINIMAL, "damping": [-1]}, "damping is (-1.0,); give numbers of at least 0"),
+    ({**MINIMAL, "marker_radius": 0}, "marker_radius is 0.0; give a positive number"),
+    ({**MINIMAL, "mirrored_joints": ["J2"]}, "unknown one of mirrored_joints 'J2'; the actuated joints are J1"),
+    ({**MINIMAL, "rest": {"J1": 0}}, "rest has 'J1', which is actuated; leave it out of one of them"),
+]
+
+
+@pytest.mark.parametrize(("arm", "message"), ERRORS)
+def test_a_wrong_arm_is_explained(arm: Any, message: str) -> None:
+    with pytest.raises(ValueError) as error:
+        arm_spec(arm)
+    assert str(error.value) == message
+
+
+CAMERA = {"name": "left", "position": [1, 1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("cameras", "message"),
+    [
+        ([], "no cameras; give at least one CameraSpec, or map of one"),
+        ("no.yml", "no camera file 'no.yml'; give the path of a YAML file"),
+        ([CAMERA, {"name": "right"}], "camera 2 lacks position; add what is missing"),
+        ([{**CAMERA, "width": 3.5}], "camera 1: width is 3.5; give an integer"),
+        ([{**CAMERA, "near": -1}], "camera 'left': near -1.0, far 10.0; give 0 < near < far"),
+        (
+            [{**CAMERA, "fov": 1}],
+            "unknown field of camera 1 'fov'; fields are name, position, target, up, horizontal_fov, width, height, "
+            "near, far",
+        ),
+    ],
+)
+def test_a_wrong_camera_is_explained(cameras: Any, message: str) -> None:
+    with pytest.raises(ValueError) as error:
+        camera_specs(cameras)
+    assert str(error.value) == message
+
+
+def test_what_is_no_yaml_is_explained(tmp_path: Path) -> None:
+    file = tmp_path / "arm.yml"
+    file.write_text("urdf: [")
+    with pytest.raises(ValueError, match=rf"^'{file}' is not plain YAML: "):
+        arm_spec(str(file))
+    (tmp_path / "broken.urdf").write_text("<robot")
+    with pytest.raises(ValueError, match=r"^Bullet cannot load '.*broken.urdf' \(.*\); check it and the meshes"):
+        StereoReachEnv(arm={**MINIMAL, "urdf": str(tmp_path / "broken.urdf")})
+
+
+def test_a_wrong_arm_is_an_error_before_a_run_directory_is_made() -> None:
+    with pytest.raises(ConfigError) as error:
+        load_config("ddpg", "WamStereoReach-v0", env_kwargs={"arm": "kua"})
+    assert str(error.value) == "unknown arm 'kua'; arms are wam, kuka, panda, or give a .yml file"

@@ -1,0 +1,152 @@
+"""The protocol: numbers worked out by hand, and scores that do not depend on how they are computed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import fake_reach
+import numpy as np
+import pytest
+from stable_baselines3 import DDPG
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+from sb3_stereo.building.factory import make_env
+from sb3_stereo.commands.evaluate import json_scores
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.evaluation import protocol as evaluation
+from sb3_stereo.evaluation.callback import append_row, checkpoints, describe
+from sb3_stereo.evaluation.protocol import evaluate, evaluate_poses, pose_starts, random_starts, summarise
+
+
+class Constant:
+    """An agent that always does the same."""
+
+    policy = None
+
+    def __init__(self, action: float) -> None:
+        self.action = np.array([action, 0.0, 0.0, 0.0], dtype=np.float32)
+        self.policy = self
+
+    def set_training_mode(self, mode: bool) -> None: ...
+
+    def obs_to_tensor(self, observation: Any) -> tuple[Any, bool]:
+        return observation, False
+
+    def predict(self, observation: Any, deterministic: bool) -> tuple[np.ndarray, None]:
+        assert deterministic
+        return self.action, None
+
+
+def score(action: float, joint: list[float], **kwargs: Any) -> evaluation.Evaluation:
+    poses = np.zeros((len(joint), 4))
+    poses[:, 0] = joint
+    return evaluate_poses(Constant(action), fake_reach.ENV_ID, poses, **kwargs)  # type: ignore[arg-type]
+
+
+def test_metrics_of_four_episodes_worked_out_by_hand() -> None:
+    result = summarise(
+        success=np.array([True, False, True, False]),
+        steps=np.array([2, 30, 5, 30]),
+        pixel_distance=np.array([4.0, 50.0, 8.0, np.nan]),
+        returns=np.array([1.5, -2.0, 2.5, 0.0]),
+        max_steps=30,
+    )
+    assert result.success_rate == 0.5
+    assert result.mean_steps_success == 3.5
+    assert result.mean_steps_capped == 16.75
+    assert result.mean_pixel_distance == pytest.approx(62 / 3)
+    assert result.mean_return == 0.5
+    assert result.n_poses == 4
+    assert describe(result) == (
+        "reached the target from 2 of 4 poses (50 %), 3.50 steps on average, 16.75 with failures counted as the cap"
+    )
+
+
+def test_without_a_success_its_mean_steps_are_undefined() -> None:
+    result = summarise(np.array([False]), np.array([30]), np.array([np.nan]), np.array([0.0]), max_steps=30)
+    assert np.isnan(result.mean_steps_success)
+    assert np.isnan(result.mean_pixel_distance)
+    assert result.mean_steps_capped == 30
+    assert json.loads(json.dumps(json_scores(result.scores())))["mean_steps_success"] is None
+
+
+def test_a_scripted_agent_gets_the_score_worked_out_by_hand() -> None:
+    result = score(-1.0, [1.0, 0.6, -0.5])  # each step moves J1 by -0.5; the goal is |J1| <= 0.25; the cap is 5 steps
+    assert result.success.tolist() == [True, True, False]
+    assert result.steps.tolist() == [2, 1, 5]
+    assert result.pixel_distance == pytest.approx([0.0, 10.0, 300.0])
+    assert result.returns == pytest.approx([0.5 + 1.0, 1.0, -2.5])
+    assert (result.mean_steps_success, result.mean_steps_capped) == (1.5, pytest.approx(8 / 3))
+    assert result.mean_action == 0.25  # one of four joints at full effort
+
+
+@pytest.mark.parametrize("n_envs", [2, 3, 7])
+def test_scores_do_not_depend_on_the_number_of_environments(n_envs: int) -> None:
+    joint = np.linspace(-1.0, 1.0, 5).tolist()
+    alone, together = score(-1.0, joint), score(-1.0, joint, n_envs=n_envs)
+    for key, value in vars(alone).items():
+        np.testing.assert_array_equal(value, getattr(together, key))
+
+
+def test_scores_do_not_depend_on_the_process() -> None:
+    joint = [0.9, -0.2, 0.4]
+    here, elsewhere = score(-1.0, joint, n_envs=2), score(-1.0, joint, n_envs=2, vec_env_cls=SubprocVecEnv)
+    np.testing.assert_equal(here.scores(), elsewhere.scores())
+
+
+def test_a_network_scores_the_same_in_any_number_of_environments() -> None:
+    env_fn = make_env(fake_reach.ENV_ID, {}, ())
+    model = DDPG("CnnPolicy", DummyVecEnv([env_fn]), buffer_size=10, seed=0)
+    one, four = (evaluate(model, env_fn, random_starts(6, seed=1), n_envs) for n_envs in (1, 4))
+    assert one.mean_q == pytest.approx(four.mean_q, abs=1e-12)
+    assert one.scores() | {"mean_q": 0, "mean_action": 0} == four.scores() | {"mean_q": 0, "mean_action": 0}
+
+
+def test_random_starts_depend_on_their_seed_alone() -> None:
+    assert random_starts(3, seed=1) == random_starts(3, seed=1) != random_starts(3, seed=2)
+    env_fn = make_env(fake_reach.ENV_ID, {}, ())
+    scores = [
+        evaluate(Constant(-1.0), env_fn, random_starts(8, seed), n).scores() for seed, n in [(1, 1), (1, 3), (2, 1)]
+    ]  # type: ignore[arg-type]
+    np.testing.assert_equal(scores[0], scores[1])
+    assert scores[0]["mean_return"] != scores[2]["mean_return"]
+
+
+def test_nothing_to_score_is_an_error() -> None:
+    with pytest.raises(ConfigError) as error:
+        score(0.0, [])
+    assert str(error.value) == "there is nothing to score: give at least one pose"
+
+
+def test_the_test_poses_are_a_hundred_and_come_with_the_package() -> None:
+    poses = evaluation.test_poses("WamStereoReach-v0")
+    assert poses.shape == (100, 4)
+    assert len(np.unique(poses, axis=0)) == 100
+    assert len(evaluation.test_starts("WamStereoReach-v0")) == 100
+    assert evaluation.test_starts("WamStereoReach-v0")[0]["options"]["joint_positions"].tolist() == poses[0].tolist()
+
+
+def test_an_environment_without_test_poses_gets_seeded_starts() -> None:
+    with pytest.raises(ConfigError) as error:
+        evaluation.test_poses("FakeReach-v0")
+    assert str(error.value) == "no test poses for 'FakeReach-v0'; use random ones with --poses N --seed S"
+    assert evaluation.test_starts("FakeReach-v0") == random_starts(100, seed=0)
+    assert evaluation.test_starts("WamStereoReach-v0", {"arm": "kuka"}) == random_starts(100, seed=0)
+
+
+def test_pose_starts_fix_everything_else_by_a_seed() -> None:
+    starts = pose_starts(np.zeros((2, 4)))
+    assert [start["seed"] for start in starts] == [0, 1]
+
+
+def test_checkpoints_are_the_papers_below_the_end() -> None:
+    assert checkpoints("ddpg", 8500) == (1500, 2000, 5000, 7000)
+    assert checkpoints("dqn", 20_000) == (1500, 3500, 5500, 7500, 10_000)
+    assert checkpoints("ddpg", 100, eval_freq=40) == (40, 80)
+    assert checkpoints("ddpg", 8500, eval_freq=-1) == ()
+
+
+def test_rows_are_appended_under_one_header(tmp_path: Path) -> None:
+    for i in range(2):
+        append_row(tmp_path / "table.csv", {"a": i, "b": 0.5})
+    assert (tmp_path / "table.csv").read_text().splitlines() == ["a,b", "0,0.5", "1,0.5"]

@@ -1,0 +1,64 @@
+"""Learning curves: which runs share one, what it is called, and what is drawn."""
+
+from pathlib import Path
+
+import fake_reach
+import numpy as np
+import pytest
+
+from sb3_stereo.commands import plot
+from sb3_stereo.config.schema import load_config
+from sb3_stereo.evaluation import curves
+from sb3_stereo.evaluation.callback import append_row
+from sb3_stereo.runs.directory import EVALUATIONS, create_run, save_records
+
+pytest.importorskip("matplotlib")
+
+
+def make_run(folder: Path, scores: dict[int, float], seed: int = 0, **params: float) -> Path:
+    run = create_run(folder, "ddpg", fake_reach.ENV_ID)
+    save_records(
+        run,
+        load_config("ddpg", fake_reach.ENV_ID, params=params),
+        {"algo": "ddpg", "env": fake_reach.ENV_ID, "seed": seed},
+    )
+    for step, score in scores.items():
+        append_row(run / EVALUATIONS, {"timesteps": step, **{column: score for column in curves.PANELS}})
+    return run
+
+
+def test_runs_that_differ_in_their_seed_share_a_curve_at_their_common_steps(tmp_path: Path) -> None:
+    runs = [make_run(tmp_path, {10: 0.25, 20: 0.5}, seed=1), make_run(tmp_path, {5: 0.0, 10: 0.75}, seed=2)]
+    (group,) = curves.group_runs(runs)
+    assert group.label == "ddpg (2 runs)" and group.timesteps.tolist() == [10]
+    np.testing.assert_array_equal(group.scores["success_rate"], [[0.25], [0.75]])
+
+
+def test_other_settings_are_another_curve_named_after_them(tmp_path: Path) -> None:
+    runs = [make_run(tmp_path, {10: 0.5}, gamma=gamma) for gamma in (0.5, 0.9, 0.5)]
+    assert [group.label for group in curves.group_runs(runs)] == ["ddpg, gamma 0.5 (2 runs)", "ddpg, gamma 0.9 (1 run)"]
+
+
+@pytest.mark.parametrize("suffix", plot.FORMATS)
+def test_the_picture_is_drawn_also_where_nothing_was_reached(tmp_path: Path, suffix: str) -> None:
+    runs = [make_run(tmp_path, {10: float("nan"), 20: value}) for value in (1.0, 2.0)]
+    file = tmp_path / f"curves{suffix}"
+    assert plot.main([*map(str, runs), "-o", str(file)]) == 0
+    assert file.stat().st_size > 5000
+
+
+def test_what_cannot_be_drawn_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    good, unscored = make_run(tmp_path, {10: 0.5}), make_run(tmp_path, {})
+    apart, broken = make_run(tmp_path, {20: 0.5}), make_run(tmp_path, {})
+    (broken / EVALUATIONS).write_text("timesteps,success_rate\nten,0.5\n")
+    nowhere = tmp_path / "no" / "such.png"
+    for arguments, message in (
+        ([good, "-o", "curves.gif"], "cannot draw 'curves.gif'; the name must end in .pdf, .png, .svg"),
+        ([tmp_path], f"'{tmp_path}' is not a run directory"),
+        ([unscored], f"cannot read the scores in '{unscored / EVALUATIONS}' (FileNotFoundError)"),
+        ([broken], f"cannot read the scores in '{broken / EVALUATIONS}' (ValueError)"),
+        ([good, apart], "the runs of 'ddpg' were scored at different steps; plot them one by one"),
+        ([good, "-o", nowhere], f"cannot write '{nowhere}' (No such file or directory)"),
+    ):
+        assert plot.main([str(argument) for argument in arguments]) == 2
+        assert capsys.readouterr().err.startswith(f"error: {message}")

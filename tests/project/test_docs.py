@@ -1,0 +1,197 @@
+"""Every command in the texts is one that exists; ours are parsed by their own parsers, and the quick ones are run."""
+
+import argparse
+import configparser
+import glob
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import cv2
+import gymnasium as gym
+import pytest
+
+from sb3_stereo.__main__ import COMMANDS
+from sb3_stereo.config.schema import load_config
+from sb3_stereo.config.values import parse_assignments
+
+ROOT = Path(__file__).parents[2]
+TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "benchmarks").glob("*.md")])
+CHECKOUT = ("docs", "envs", "hyperparams", "train.py", "enjoy.py", "constraints.txt")
+
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PROMPT = re.compile(r"^\w*\$ (.*)$", re.MULTILINE)
+INLINE = re.compile(r"`((?:python|make|pip|sb3-stereo|ray) [^`]+)`")
+OURS = re.compile(r"python -m (?:sb3_stereo (\w+)|(benchmarks(?:\.\w+)+))|python (train|enjoy)\.py|sb3-stereo (\w+)")
+# Tested in test_sweep_ray.py, test_zoo.py, test_learners.py and test_models.py; the last is what runs the tests.
+OTHERS = re.compile(r"ray |python -m rl_zoo3\.train |python docs/examples/own_learner\.py |cd .* && sha256sum|\.ci/run")
+
+# The last flag of a kind wins. Sweeps and benchmarks are run by their own tests.
+QUICK = ("--num-threads", "1", "--device", "cpu")
+TINY = {
+    "train": ("-n", "12", "--eval-freq", "-1", "--n-eval-envs", "1", *QUICK),
+    "enjoy": ("--no-render", "-n", "4", *QUICK),
+    "evaluate": ("--n-envs", "1", *QUICK),
+    "check": ("--poses", "20", "--steps", "5"),
+    "plot": (),
+    "play_images": QUICK,
+}
+TINY_ASSIGNMENTS = {
+    "-params": ("learning_starts:10", "batch_size:4", "buffer_size:50"),
+    "--env-kwargs": ("max_episode_steps:1",),
+}
+
+
+class Command(NamedTuple):
+    """A command as it stands in a text.
+
+    Attributes:
+        text: The file's name.
+        line: Without comment and variables.
+        shown: It stands after a prompt, not between words, where arguments may be left out.
+    """
+
+    text: str
+    line: str
+    shown: bool
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.line}"
+
+
+class Stopped(Exception):
+    """Comes in place of what a command would do."""
+
+
+def commands() -> Iterator[Command]:
+    for path in TEXTS:
+        text = path.read_text(encoding="utf-8")
+        blocks = [block for language, block in FENCE.findall(text) if language == "console"]
+        shown = dict.fromkeys(bare(line) for block in blocks for line in PROMPT.findall(block))
+        inline = dict.fromkeys(" ".join(code.split()) for code in INLINE.findall(FENCE.sub("", text)))
+        yield from (Command(path.name, line, shown=True) for line in shown)
+        yield from (Command(path.name, line, shown=False) for line in inline if line not in shown)
+
+
+def bare(line: str) -> str:
+    """Return a line without its comment and the variables before the command."""
+    return re.sub(r"^(\w+=\S+ )+", "", re.sub(r"\s+#.*", "", line))
+
+
+ALL = list(commands())
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the commands name: parts of the checkout, the example's files, and two images."""
+    folder = tmp_path_factory.mktemp("stage")
+    for path in [*(ROOT / name for name in CHECKOUT), *(ROOT / "docs" / "examples").glob("*.yml")]:
+        (folder / path.name).symlink_to(path)
+    env: Any = gym.make("WamStereoReach-v0")
+    env.reset(seed=1)
+    for name, frame in zip(("left.png", "right.png"), env.unwrapped.draw(), strict=True):
+        cv2.imwrite(str(folder / name), cv2.cvtColor(frame, cv2.COLOR_RGBA2BGR))
+    env.close()
+    return folder
+
+
+def test_the_commands_are_found() -> None:
+    shown = {command.text for command in ALL if command.shown}
+    assert shown >= {"README.md", "CONTRIBUTING.md", "commands.md", "paper.md", "resuming.md", "your_robot.md"}
+    assert Command("README.md", "make test", shown=True) in ALL
+    assert Command("real_cameras.md", "python train.py --algo ddpg --seed 11 -n 4000", shown=False) in ALL
+
+
+@pytest.mark.parametrize("command", ALL, ids=str)
+def test_every_command_exists_with_its_flags_and_files(
+    command: Command, stage: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(stage)
+    for file in re.findall(r"[\w./-]+\.(?:yml|py|txt)\b", command.line):
+        assert Path(file).is_file(), f"no file {file}"
+    if OTHERS.match(command.line):
+        return
+    program, *argv = shlex.split(command.line)
+    if program == "make":
+        dry_run = ["make", "--dry-run", "-C", str(ROOT), *argv]
+        assert subprocess.run(dry_run, stdout=subprocess.DEVNULL, check=False).returncode == 0
+    elif program == "pip":
+        (extras,) = re.findall(r"-e \.\[([\w,]+)\]", " ".join(argv))
+        assert set(extras.split(",")) <= extras_of_setup_cfg()
+    elif command.line != "python -m sb3_stereo --help":
+        name, argv = call(command.line)
+        assert name.startswith("benchmarks") or name.removeprefix("sb3_stereo.commands.") in COMMANDS
+        if command.shown or argv:
+            check_arguments(name, argv, monkeypatch)
+
+
+def extras_of_setup_cfg() -> set[str]:
+    config = configparser.ConfigParser()
+    config.read(ROOT / "setup.cfg")
+    return set(config["options.extras_require"])
+
+
+def call(line: str) -> tuple[str, list[str]]:
+    """Return the module of a command of ours, and its arguments."""
+    match = OURS.match(line)
+    assert match is not None, "a command that this test does not know"
+    command = match[1] or match[3] or match[4]
+    return match[2] or f"sb3_stereo.commands.{command}", shlex.split(line[match.end() :])
+
+
+def check_arguments(module: str, argv: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command's own parser read them, and then the configuration what a training is given."""
+    parsed: list[argparse.Namespace] = []
+    parse = argparse.ArgumentParser.parse_args
+
+    def stop(parser: argparse.ArgumentParser, args: Any = None, namespace: Any = None) -> NoReturn:
+        parsed.append(parse(parser, args, namespace))
+        raise Stopped
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
+    monkeypatch.setattr(sys, "argv", [module, *argv])
+    with pytest.raises(Stopped):
+        import_module(module).main()
+    (args,) = parsed
+    if module == "sb3_stereo.commands.train" and args.resume is None:
+        params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
+        load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
+
+
+def tiny(module: str, argv: list[str], folder: Path) -> list[str]:
+    """Return the arguments, patterns replaced by files, with others that make the command quick."""
+    name = module.removeprefix("sb3_stereo.commands.")
+    argv = [file for word in argv for file in (sorted(glob.glob(word, root_dir=folder)) or [word])]
+    if name == "train":
+        for flag, assignments in TINY_ASSIGNMENTS.items():
+            at = argv.index(flag) + 1 if flag in argv else len(argv)
+            argv[at:at] = assignments if flag in argv else (flag, *assignments)
+    return [*argv, *TINY[name]]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ran = []
+    for command in ALL:
+        if not command.shown or not OURS.match(command.line) or "{urdf" in command.line:  # that one shows an error
+            continue
+        module, argv = call(command.line)
+        if (
+            module.removeprefix("sb3_stereo.commands.") not in TINY
+            or "--resume" in argv
+            or "logs/sweeps" in command.line
+        ):
+            continue
+        line = [sys.executable, "-m", module, *tiny(module, argv, stage)]
+        result = subprocess.run(line, cwd=stage, env=environment, capture_output=True, text=True, check=False)
+        assert result.returncode == 0, f"{command}\n{result.stderr}"
+        ran.append(module)
+    assert {module.removeprefix("sb3_stereo.commands.") for module in ran} == set(TINY)

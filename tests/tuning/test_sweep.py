@@ -1,0 +1,146 @@
+"""Sweeps without Ray's processes: the trials, their records and the report."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import fake_reach
+import pytest
+from ray.tune.search.variant_generator import generate_variants
+from tiny_sweep import BASE, RANGES, load_cheap
+
+from sb3_stereo.commands import evaluate
+from sb3_stereo.config.schema import load_config, overridden
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.tuning import trials
+from sb3_stereo.tuning.config import Sweep
+from sb3_stereo.tuning.records import STOPPED, claim, find_trial, is_done, read_trials, settings
+from sb3_stereo.tuning.report import BEST, PICTURE, TABLE, write_report
+from sb3_stereo.tuning.search import Job, optuna_search, tuner_arguments
+from sb3_stereo.tuning.space import optuna_space, tune_space
+from sb3_stereo.tuning.trials import run_trial
+
+
+@pytest.fixture
+def reports(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """What trials report when they run in this process."""
+    found: list[tuple[str, int]] = []
+    monkeypatch.setattr(
+        trials.tune, "report", lambda scores: found.append((Path(scores["run"]).name, scores["timesteps"]))
+    )
+    monkeypatch.setattr(sys, "orig_argv", list(sys.orig_argv))
+    return found
+
+
+def run_grid(found: Sweep, folder: Path) -> None:
+    job = Job(
+        found,
+        folder,
+        "cpu",
+        gym_packages=("fake_reach",),
+        command=("python", "-m", "sb3_stereo", "sweep", "x.yml"),
+    )
+    for _, spec in generate_variants({"config": tune_space(found)}):
+        run_trial(spec["config"], job.training)
+
+
+def test_a_trial_is_an_ordinary_run_and_is_trained_once(
+    tmp_path: Path, logs: Path, reports: list[tuple[str, int]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = load_cheap(tmp_path)
+    claim(found, logs)
+    run_grid(found, logs)
+    assert sorted(set(reports)) == [(f"FakeReach-v0_{n}", step) for n in (1, 2, 3, 4) for step in (15, 30)]
+    assert len(reports) == 8
+    runs = {trial.run: (trial.run / "evaluations.csv").stat().st_mtime_ns for trial in read_trials(found, logs)}
+    assert len(runs) == 4 and is_done(found, logs)
+    run = logs / "ddpg" / "FakeReach-v0_2"
+    assert (run / "FakeReach-v0" / "command.txt").read_text() == "python -m sb3_stereo sweep x.yml\n"
+    assert evaluate.main([str(run), "--poses", "2", "--num-threads", "1", "--n-envs", "1"]) == 0
+    run_grid(found, logs)  # everything is there: only reported
+    assert reports[8:] == reports[:8]
+    assert runs == {trial.run: (trial.run / "evaluations.csv").stat().st_mtime_ns for trial in read_trials(found, logs)}
+
+
+def test_an_interrupted_trial_goes_on_in_its_run_and_a_stopped_one_stays(
+    tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    found = load_cheap(tmp_path, seeds=[3])
+    claim(found, logs)
+    run_grid(found, logs)
+    first, second = (trial.run for trial in read_trials(found, logs))
+    for run in (first, second):
+        (run / "FakeReach-v0.zip").unlink()
+    (second / STOPPED).write_text("")
+    assert [trial.state for trial in read_trials(found, logs)] == ["unfinished", "stopped"]
+    run_grid(found, logs)
+    assert {t.params["gamma"]: t.state for t in read_trials(found, logs)} == {0.5: "finished", 0.9: "stopped"}
+    assert len(list((logs / "ddpg").iterdir())) == 2
+
+
+def test_a_run_that_was_killed_while_it_was_made_is_nobodys(tmp_path: Path, logs: Path) -> None:
+    found = load_cheap(tmp_path)
+    (logs / "ddpg" / "FakeReach-v0_1" / "FakeReach-v0").mkdir(parents=True)
+    assert find_trial(logs, found.base, 3) is None and read_trials(found, logs) == []
+
+
+def test_optuna_knows_what_is_trained_and_begins_with_what_is_not_quite(
+    tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    run_grid(load_cheap(tmp_path), logs)
+    found = load_cheap(tmp_path, method="bayes", n_trials=4, parameters=BASE["parameters"] | RANGES)  # type: ignore[operator]
+    shutil.rmtree(logs / "ddpg" / "FakeReach-v0_4")
+    known = settings(found, read_trials(found, logs))
+    assert [(setting.params["gamma"], setting.is_closed) for setting in known] == [(0.5, True), (0.9, False)]
+    study = optuna_search(found, known)._ot_study
+    (done,) = study.get_trials(states=[1])  # COMPLETE
+    assert (done.params, done.value) == ({"gamma": 0.5}, known[0].score)
+    assert study.ask(optuna_space(found)).params == {"gamma": 0.9}
+    assert tuner_arguments(found, logs, 0)[0]["num_samples"] == 3 * 2
+
+
+def test_the_report_ranks_settings_by_their_mean_over_seeds(
+    tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    found = load_cheap(tmp_path)
+    assert write_report(found, logs) == "No trial has begun yet."
+    run_grid(found, logs)
+    rows = {(0.5, 3): 4.0, (0.5, 5): 3.0, (0.9, 3): 2.0, (0.9, 5): 4.0}
+    for trial in read_trials(found, logs):
+        lines = (trial.run / "evaluations.csv").read_text().splitlines()
+        values = dict(zip(lines[0].split(","), lines[-1].split(","), strict=True))
+        values["mean_steps_capped"] = str(rows[trial.params["gamma"], trial.seed])
+        (trial.run / "evaluations.csv").write_text(f"{lines[0]}\n{','.join(values.values())}\n")
+    text = write_report(found, logs).splitlines()
+    assert [line.split() for line in text[:3]] == [
+        ["gamma", "eval/mean_steps_capped", "seeds", "steps", "state", "runs"],
+        ["0.9", "3", "2", "of", "2", "30", "finished", "3,4"],
+        ["0.5", "3.5", "2", "of", "2", "30", "finished", "1,2"],
+    ]
+    assert (logs / TABLE).read_text().splitlines()[1] == "FakeReach-v0_1,3,finished,30,4.0,0.5"
+    assert (logs / PICTURE).stat().st_size > 1000
+    comment = (logs / BEST).read_text().splitlines()[0]
+    assert comment == "# The best of 2 settings: eval/mean_steps_capped 3, the mean over 2 seeds."
+    assert load_config("ddpg", fake_reach.ENV_ID, logs / BEST) == overridden(found.base, {"gamma": 0.9})
+
+
+def test_an_undefined_score_is_the_worst(tmp_path: Path, logs: Path, reports: list[tuple[str, int]]) -> None:
+    found = load_cheap(tmp_path, seeds=[3])
+    run_grid(found, logs)
+    run = logs / "ddpg" / "FakeReach-v0_1"
+    text = (run / "evaluations.csv").read_text()
+    columns, *_, last = (line.split(",") for line in text.splitlines())
+    last[columns.index("mean_steps_capped")] = "nan"
+    (run / "evaluations.csv").write_text(f"{','.join(columns)}\n{','.join(last)}\n")
+    assert [setting.score for setting in settings(found, read_trials(found, logs))][-1] == float("inf")
+
+
+def test_a_folder_belongs_to_one_sweep_which_may_only_grow(tmp_path: Path, logs: Path) -> None:
+    claim(load_cheap(tmp_path), logs)
+    claim(load_cheap(tmp_path, seeds=[3, 5, 7], retries=0), logs)
+    with pytest.raises(ConfigError) as error:
+        claim(load_cheap(tmp_path, n_timesteps=40), logs)
+    assert str(error.value) == (
+        f"'{logs}' holds another sweep (see sweep.yml), of which only n_trials, resources, retries, seeds may change; "
+        "choose another log folder with -f, or another file name"
+    )
