@@ -1,24 +1,25 @@
 """An arm in Bullet: its poses, and pulses of effort."""
 
-import math
-import os
-from collections.abc import Callable, Iterable, Sequence
-from importlib.resources import as_file, files
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import pybullet
-import pybullet_data
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.damping import MAX_EXPLICIT_LOSS, ImplicitDamping, JointSpace, explicit_loss
+from sb3_stereo.envs.joints import make_joints
 from sb3_stereo.envs.robots import ArmSpec
-from sb3_stereo.envs.specs import quoted, require, require_known, require_readable
+from sb3_stereo.envs.specs import quoted, require, require_known
+from sb3_stereo.envs.urdf import bullet_says, load_urdf, mimics, read_urdf, urdf_path
 
 Floats = NDArray[np.float64]
 
 MAX_LIMIT = 1000.0  # [rad] or [m], of a joint's position
 HOLDING_EFFORT = 100.0  # [N m], of a joint that is not actuated
+GEAR_EFFORT = 1e4  # [N m], between a joint and what mimics it
+N_POSES = 32  # random ones, whose inertia decides how damping is integrated
 PARENT = 16  # of getJointInfo
 LINK_ORIGIN, LINK_ORIENTATION = 4, 5  # of getLinkState: the URDF frame, not the centre of mass
 
@@ -33,7 +34,9 @@ class Arm:
 
     def __init__(self, spec: ArmSpec, client: Any) -> None:
         self.spec, self._client = spec, client
-        self.body = _load(spec, client)
+        with urdf_path(spec.urdf) as path:
+            robot = read_urdf(path)
+            self.body = load_urdf(client, path, spec.base_position, spec.base_quaternion, _flags(spec))
         infos = [client.getJointInfo(self.body, joint) for joint in range(client.getNumJoints(self.body))]
         self._links = {info[12].decode(): info[0] for info in infos}
         self._names = {-1: client.getBodyInfo(self.body)[0].decode()} | {i: name for name, i in self._links.items()}
@@ -44,16 +47,16 @@ class Arm:
                 self.fixed_links.append(info[0])
         self._check_names(moving)
         self._check_motion(list(moving.values()))
-        self._moving = [info[0] for info in moving.values()]
-        self.actuated = [moving[joint][0] for joint in spec.joints]
-        self._actuated_of_moving = [self._moving.index(joint) for joint in self.actuated]
-        rest = dict(spec.rest)
-        self._rest = [(rest.get(joint, 0.0),) for joint in moving]  # as Bullet takes them
+        self.joints = make_joints(spec, moving, mimics(robot, path))
+        self.actuated, self.limits = self.joints.actuated, self.joints.limits
+        self._moving, self._actuated_of_moving = self.joints.moving, self.joints.actuated_of_moving
         self._hand = self._links[spec.end_effector_link]
-        self.limits: Floats = np.array([_limits(moving[joint]) for joint in spec.joints])  # (n_joints, 2) [rad]
-        self._set_up_joints(spec.damping)
-        for link, inertia in spec.drive_inertia:
-            self._add_inertia(self._links[link], np.array(inertia))
+        self._set_up_joints()
+        self._drives = [
+            (self._links[link], self._add_inertia(self._links[link], np.array(inertia)))
+            for link, inertia in spec.drive_inertia
+        ]
+        self.set_damping(spec.damping)
         links = {name: link for link, name in self._names.items()}
         for pair in spec.collision_exempt:
             client.setCollisionFilterPair(self.body, self.body, *(links[link] for link in pair), 0)
@@ -75,7 +78,7 @@ class Arm:
         for name, info in zip(names, moving, strict=True):
             simple = info[2] in (pybullet.JOINT_REVOLUTE, pybullet.JOINT_PRISMATIC)
             require(simple, f"joint '{name}' of {file} neither turns nor slides; use revolute and prismatic joints")
-            far = max(map(abs, _limits(info)))
+            far = max(map(abs, info[8:10])) if info[8] < info[9] else 0.0
             require(far <= MAX_LIMIT, f"joint '{name}' of {file} has a limit of {far}; give at most {MAX_LIMIT:.0f}")
         require(
             self._moves(len(moving)), f"{file} has a mass, an inertia, an origin or an axis of no robot; check them"
@@ -86,40 +89,76 @@ class Arm:
         client, links = self._client, list(range(self._client.getNumJoints(self.body)))
         states = client.getLinkStates(self.body, links, computeForwardKinematics=True)
         try:
-            mass = np.array(client.calculateMassMatrix(self.body, [0.0] * n_moving))
+            with bullet_says():  # the reason, over four lines
+                mass = np.array(client.calculateMassMatrix(self.body, [0.0] * n_moving))
         except SystemError:  # PyBullet's, in place of its own error
             return False
         finite = np.isfinite([state[LINK_ORIGIN] for state in states]).all() and np.isfinite(mass).all()
         return bool(finite and np.linalg.eigvalsh(mass).min() > 0.0)
 
-    def _set_up_joints(self, damping: Iterable[float]) -> None:
-        client, body = self._client, self.body
+    def _set_up_joints(self) -> None:
+        client, body, joints = self._client, self.body, self.joints
         for link in range(-1, client.getNumJoints(body)):
             # Bullet damps free motion by default; only the joints' own damping is wanted.
             client.changeDynamics(body, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0)
-        self.set_damping(damping)
         # Bullet's default motors would hold the joints against any effort.
-        client.setJointMotorControlArray(
-            body, self.actuated, pybullet.VELOCITY_CONTROL, forces=[0.0] * len(self.actuated)
-        )
-        held = [joint for joint in self._moving if joint not in self.actuated]
-        if held:
-            targets = [self._rest[self._moving.index(joint)][0] for joint in held]
+        free = [*self.actuated, *(joint for joint, _, _ in joints.geared)]
+        client.setJointMotorControlArray(body, free, pybullet.VELOCITY_CONTROL, forces=[0.0] * len(free))
+        if held := joints.held:
+            targets = [float(joints.offsets[joints.moving.index(joint)]) for joint in held]
             client.setJointMotorControlArray(
                 body, held, pybullet.POSITION_CONTROL, targetPositions=targets, forces=[HOLDING_EFFORT] * len(held)
             )
+        for joint, leader, mimic in joints.geared:
+            here = (0.0, 0.0, 0.0)
+            gear = client.createConstraint(body, joint, body, leader, pybullet.JOINT_GEAR, here, here, here)
+            target, ratio = mimic.offset, -mimic.multiplier  # of Bullet, whose sum of both speeds is 0
+            client.changeConstraint(gear, gearRatio=ratio, relativePositionTarget=target, erp=1, maxForce=GEAR_EFFORT)
 
     def set_damping(self, damping: Iterable[float]) -> None:
-        """Set the viscous damping of the actuated joints, in [N m s/rad]."""
-        for joint, value in zip(self.actuated, damping, strict=True):
-            self._client.changeDynamics(self.body, joint, jointDamping=value)
+        """Set the viscous damping of the actuated joints, in [N m s/rad].
 
-    def _add_inertia(self, link: int, inertia: Floats) -> None:
+        Bullet applies it where that is stable at the client's time step in all of `N_POSES` poses.
+        """
+        values = np.array(list(damping), dtype=np.float64)
+        step = self._client.getPhysicsEngineParameters()["fixedTimeStep"]
+        space = JointSpace(self._client, self.body, self._moving, self.joints.gearing, self._drives)
+        explicit = not values.any() or self._largest_loss(space, values, step) <= MAX_EXPLICIT_LOSS
+        implicit = ImplicitDamping(space, self._actuated_of_moving, self.joints.stops, values, step)
+        self._damping = None if explicit else implicit
+        for joint, value in zip(self.actuated, values, strict=True):
+            self._client.changeDynamics(self.body, joint, jointDamping=value if explicit else 0.0)
+
+    def _largest_loss(self, space: JointSpace, damping: Floats, step: float) -> float:
+        """Of the speed in one step of Bullet's damping, over random poses."""
+        low, high = self.limits.T
+        poses = np.random.default_rng(0).uniform(low, high, (N_POSES, len(low)))
+        with self.as_it_was():
+            return max(explicit_loss(self._inertia(space, pose), damping, step) for pose in poses)
+
+    def _inertia(self, space: JointSpace, pose: Floats) -> Floats:
+        self.rest_at(pose)
+        return space.inertia(space.state()[0])
+
+    @contextmanager
+    def as_it_was(self) -> Iterator[None]:
+        """Put the joints back afterwards."""
+        states = self._client.getJointStates(self.body, self._moving)
+        try:
+            yield
+        finally:
+            positions, speeds = ([(state[i],) for state in states] for i in (0, 1))
+            self._client.resetJointStatesMultiDof(self.body, self._moving, positions, targetVelocities=speeds)
+
+    def _add_inertia(self, link: int, inertia: Floats) -> Floats:
         """Add drive inertia, shape (3,), about a link's axes, as far as Bullet allows.
 
         Bullet has no armature; it keeps a diagonal tensor in the link's principal axes. The sum is exact about the
         joint's axis, and exact altogether where that axis is a principal one; elsewhere a little leaks into the
         others. (J2's axis is no principal axis of its link, so its drive has a massless link to itself.)
+
+        Returns:
+            What is added about the principal axes, shape (3,).
         """
         _, _, diagonal, _, orientation, *_ = self._client.getDynamicsInfo(self.body, link)
         principal = np.reshape(self._client.getMatrixFromQuaternion(orientation), (3, 3))
@@ -127,6 +166,12 @@ class Arm:
         share = (principal.T @ axis) ** 2
         added = inertia.sum() * share / np.sum(share**2)
         self._client.changeDynamics(self.body, link, localInertiaDiagonal=list(np.array(diagonal) + added))
+        return np.asarray(added)
+
+    @property
+    def base_to_world(self) -> Floats:
+        """Rotation of the base, shape (3, 3)."""
+        return np.reshape(self._client.getMatrixFromQuaternion(self.spec.base_quaternion), (3, 3))
 
     @property
     def joint_positions(self) -> Floats:
@@ -158,11 +203,9 @@ class Arm:
         )
 
     def rest_at(self, positions: Iterable[float]) -> None:
-        """Put the actuated joints at `positions`, one each, in [rad], the others at `rest`, all still."""
-        everywhere = self._rest.copy()
-        for index, position in zip(self._actuated_of_moving, positions, strict=True):
-            everywhere[index] = (position,)
-        self._client.resetJointStatesMultiDof(self.body, self._moving, everywhere)
+        """Put the actuated joints at `positions`, one each, in [rad], the others where they follow or rest."""
+        everywhere = self.joints.gearing @ np.array(list(positions)) + self.joints.offsets
+        self._client.resetJointStatesMultiDof(self.body, self._moving, [(position,) for position in everywhere])
 
     def brake(self) -> None:
         """Stop every joint where it is: an ideal brake."""
@@ -190,7 +233,8 @@ class Arm:
             if part and on_part:
                 on_part(part)
             for _ in range(n_steps * part // n_parts, n_steps * (part + 1) // n_parts):
-                apply(body, joints, torque, forces=efforts, physicsClientId=client)
+                forces = efforts if self._damping is None else self._damping.damped(efforts)
+                apply(body, joints, torque, forces=forces, physicsClientId=client)
                 step(client)
 
     def contacts(self) -> set[str]:
@@ -202,33 +246,41 @@ class Arm:
             for pair in {((p[1], p[3]), (p[2], p[4])) for p in points}
         }
 
+    def contacts_at(self, poses: Floats) -> list[set[str]]:
+        """What touches in each of these poses, (n_poses, n_joints); the arm is left in the last."""
+        found = []
+        for pose in poses:
+            self.rest_at(pose)
+            found.append(self.contacts())
+        return found
+
+    @property
+    def solid(self) -> bool:
+        """Whether anything that moves has a collision shape."""
+        return any(map(self._has_collision_shape, self._moving_links))
+
+    def without_shapes(self) -> list[str]:
+        """Names of the links that move and are drawn, and have no collision shape, so that nothing touches them."""
+        drawn = {shape[1] for shape in self._client.getVisualShapeData(self.body)}
+        return [self._names[i] for i in self._moving_links if i in drawn and not self._has_collision_shape(i)]
+
+    @property
+    def _moving_links(self) -> list[int]:
+        return [link for link in self._links.values() if link not in self.fixed_links]
+
+    def _has_collision_shape(self, link: int) -> bool:
+        return bool(self._client.getCollisionShapeData(self.body, link))
+
     def collides(self) -> bool:
         """Whether the arm touches itself or anything else."""
         self._client.performCollisionDetection()
         return bool(self._client.getContactPoints(self.body))
 
 
-def _limits(info: Sequence[Any]) -> tuple[float, float]:
-    """Lower and upper limit of a joint's `getJointInfo`; a turn for a joint without limits."""
-    low, high = info[8:10]
-    return (low, high) if low < high else (-math.pi, math.pi)
-
-
-def _load(spec: ArmSpec, client: Any) -> int:
-    """Load a robot as a body fixed at its base."""
-    flags = (
+def _flags(spec: ArmSpec) -> int:
+    return int(
         pybullet.URDF_USE_INERTIA_FROM_FILE
         | pybullet.URDF_USE_SELF_COLLISION
         | pybullet.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT
         | (pybullet.URDF_IGNORE_VISUAL_SHAPES if spec.simple_shapes else 0)
     )
-    with as_file(files("sb3_stereo.envs") / "assets") as assets:
-        places = assets, Path(pybullet_data.getDataPath()), Path()
-        paths = [str(place / spec.urdf) for place in places]  # a full path stays itself
-        found = next(filter(os.path.isfile, paths), spec.urdf)
-        require_readable(found, "robot", "give a path, or a URDF of envs/assets or of pybullet_data")
-        try:
-            return int(client.loadURDF(found, spec.base_position, useFixedBase=True, flags=flags))
-        except pybullet.error as error:
-            refusal = f"Bullet cannot load {quoted(spec.urdf)} ({error}); check it and the meshes it names"
-            raise ValueError(refusal) from error

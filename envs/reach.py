@@ -24,6 +24,7 @@ from sb3_stereo.envs.arguments import (
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.composite import Composite, Observation
+from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.lifecycle import SimulatedEnv
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.sight import Floats, Image
@@ -168,14 +169,13 @@ class StereoReachEnv(SimulatedEnv):
     def mirrored_joints(self) -> tuple[int, ...] | None:
         """Components of the action that change sign in the mirror image through the plane y = 0.
 
-        None where the task is not its own mirror image: for an arm without one, a fixed target or a base beside the
-        plane, or cameras that are not placed in pairs.
+        None where the task is not its own mirror image: for an arm without one or mounted askew, a fixed target or a
+        base beside the plane, or cameras that are not placed in pairs.
         """
-        arm = self.arm.spec
-        beside = 0.0 if self.random_target else self._default_target[1], arm.base_position[1]
-        if arm.mirrored_joints is None or any(beside) or not mirror_each_other([c.spec for c in self.cameras]):
+        mirrored, beside = self._world.mirrored_joints, not self.random_target and self._default_target[1] != 0.0
+        if mirrored is None or beside or not mirror_each_other([c.spec for c in self.cameras]):
             return None
-        return tuple(arm.joints.index(joint) for joint in arm.mirrored_joints)
+        return tuple(self.arm.spec.joints.index(joint) for joint in mirrored)
 
     @property
     def views_in_channels(self) -> bool:
@@ -282,10 +282,10 @@ class StereoReachEnv(SimulatedEnv):
             bool(np.all((low <= positions) & (positions <= high))),
             f"{name} {positions.tolist()} are outside the limits {self.arm.limits.tolist()}",
         )
-        require(
-            self._world.place_arm(positions),
-            f"{name} {positions.tolist()} collide; choose a pose clear of the arm itself and the floor",
-        )
+        if not self._world.place_arm(positions):
+            touching = "; ".join(sorted(self.arm.contacts()))
+            clear = "choose a pose clear of the arm itself and the floor"
+            raise ValueError(f"{name} {positions.tolist()} collide ({touching}); {clear}")
         self._look()
 
     def _checked_start(self, value: ArrayLike) -> Floats:
@@ -305,18 +305,29 @@ class StereoReachEnv(SimulatedEnv):
                 self._look()
                 if not self._at_goal():
                     return
+        self._check_room(n_free)
         found = f"of {MAX_DRAWS} random poses {n_free} are free of collisions, and none is away from the goal"
         raise ValueError(f"{found}; give the arm more room, or a smaller rho")
 
     def _draw_target(self) -> None:
         """Put the target where a random free pose reaches it: about nine in ten free WAM poses do."""
+        n_free = 0
         for _ in range(MAX_DRAWS):
             if self._place_arm_anywhere():
+                n_free += 1
                 self._target_position = self.arm.end_effector_position
                 self._look()
                 if self._at_goal():
                     return
+        self._check_room(n_free)
         raise ValueError(f"no target in {MAX_DRAWS} draws; move the cameras so that all of them see the arm's hand")
+
+    def _check_room(self, n_free: int) -> None:
+        """Raise a ValueError that names the links which touch if no random pose was free of collisions."""
+        if not n_free:
+            low, high = self.arm.limits.T
+            poses = self.np_random.uniform(low, high, (MAX_DRAWS // 10, len(low)))
+            raise ValueError(always_colliding(self.arm.contacts_at(poses)))
 
     def _place_arm_anywhere(self) -> bool:
         """Rest the arm at a pose drawn within its limits; return whether it is free there."""

@@ -1,9 +1,13 @@
 """What the task must know of a robot: `ArmSpec`, the arms that come with the package, and yours from a YAML file."""
 
+import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require, require_known
 
@@ -23,8 +27,10 @@ class ArmSpec:
         end_effector_offset: Middle of the marker in that link's frame, in [m].
         rest: Where the other moving joints are held, as (joint, position) in [rad] or [m]; 0 for those not named.
         base_position: Of the base link's frame, in [m], world.
-        mirrored_joints: Actuated joints that turn the other way in the arm's mirror image through the plane y = 0;
-            None if the arm has none or does not look like it. `python -m sb3_stereo check` tells.
+        base_orientation: Of that frame: roll, pitch and yaw about the world's fixed axes, in [rad], as in a URDF's
+            rpy; or a quaternion (x, y, z, w) of any length.
+        mirrored_joints: Actuated joints that turn the other way in the mirror image of the mounted arm through the
+            plane y = 0; None if the arm has none or does not look like it. `python -m sb3_stereo check` tells.
         drive_inertia: Rotor inertia seen at a joint, in [kg m^2], as (link, about its x, y and z axis).
         collision_exempt: Pairs of links that may overlap. A link and its parent always may.
         link_colors: Of links in place of the file's, as (link, (red, green, blue)), from 0 to 1. Pure red and pure
@@ -44,6 +50,7 @@ class ArmSpec:
     end_effector_offset: Vector = (0.0, 0.0, 0.0)
     rest: tuple[tuple[str, float], ...] = ()
     base_position: Vector = (0.0, 0.0, 0.0)
+    base_orientation: tuple[float, ...] = (0.0, 0.0, 0.0)
     mirrored_joints: tuple[str, ...] | None = None
     drive_inertia: tuple[tuple[str, Vector], ...] = ()
     collision_exempt: tuple[tuple[str, str], ...] = ()
@@ -60,6 +67,10 @@ class ArmSpec:
             require(len(values) == n_joints, f"{name} has {len(values)} values for {n_joints} joints; give one each")
         require(min(self.effort_limits) > 0, f"effort_limits are {self.effort_limits}; give positive numbers")
         require(min(self.damping) >= 0, f"damping is {self.damping}; give numbers of at least 0")
+        n_numbers, length = len(self.base_orientation), math.hypot(*self.base_orientation)
+        oriented = n_numbers == 3 or (n_numbers == 4 and length > 0)
+        way_out = "give roll, pitch and yaw, or a quaternion (x, y, z, w) that is not 0"
+        require(oriented, f"base_orientation is {self.base_orientation}; {way_out}")
         require(self.marker_radius > 0, f"marker_radius is {self.marker_radius}; give a positive number")
         for link, inertia in self.drive_inertia:
             useful = min(inertia) >= 0 and sum(inertia) > 0
@@ -69,6 +80,20 @@ class ArmSpec:
         for joint, _ in self.rest:
             held = joint not in self.joints
             require(held, f"rest has {quoted(joint)}, which is actuated; leave it out of one of them")
+
+    @property
+    def base_quaternion(self) -> tuple[float, float, float, float]:
+        """`base_orientation` as a quaternion (x, y, z, w) of length 1."""
+        if len(self.base_orientation) == 4:
+            x, y, z, w = np.array(self.base_orientation) / math.hypot(*self.base_orientation)
+            return float(x), float(y), float(z), float(w)
+        (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle / 2), math.cos(angle / 2)) for angle in self.base_orientation)
+        return (
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        )
 
 
 WAM = ArmSpec(
@@ -158,5 +183,5 @@ def arm_spec(arm: ArmSpec | Mapping[str, Any] | str) -> ArmSpec:
     is_file = arm.endswith((".yml", ".yaml"))
     require(is_file, f"unknown arm {quoted(arm)}; arms are {', '.join(ARMS)}, or give a .yml file")
     spec = from_map(ArmSpec, read_yaml(arm, "arm"), f"arm {quoted(arm)}")
-    beside = Path(arm).resolve().parent / spec.urdf
+    beside = Path(os.path.expanduser(arm)).resolve().parent / spec.urdf
     return replace(spec, urdf=str(beside)) if beside.is_file() else spec

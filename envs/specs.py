@@ -62,6 +62,7 @@ def read_yaml(path: str, what: str) -> Any:
     """
     import yaml  # not needed for what comes with the package
 
+    path = os.path.expanduser(path)  # a shell leaves the ~ of arm:~/my_arm.yml alone
     require_readable(path, what, "give the path of a YAML file")
     try:
         return yaml.safe_load(Path(path).read_text(encoding="utf-8"))

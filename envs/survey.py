@@ -1,6 +1,5 @@
 """What an environment offers a learner: measured before anything is trained on it."""
 
-from collections import Counter
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -9,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo.envs.composite import WIDTH, composite
+from sb3_stereo.envs.contacts import always_colliding, shares
+from sb3_stereo.envs.mirror import mirrors
 from sb3_stereo.envs.reach import StereoReachEnv
 
 Floats = NDArray[np.float64]
 
 FAR = 8.0  # [px]
-TINY = 1e-3  # [m] between a link and its mirror image that is the same place
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,11 @@ class Survey:
 
     Attributes:
         joints: The actuated joints' names.
+        sliding: Whether each of them slides; then its limits and travel are in [m].
         limits: Of the joints, in [rad].  # (n_joints, 2)
         travel: Median |displacement| of each joint after a full pulse of it alone, in [rad].  # (n_joints,)
+        without_shapes: Links that move and have no collision shape.
+        solid: Whether any link that moves has one; if none does, every pose passes for free.
         free: Share of the random poses that do not collide.
         collisions: Pairs of links (or "the floor") that touch, with the share of the random poses, the most first.
         goals: Share of the free poses that are goals.
@@ -38,8 +41,11 @@ class Survey:
     """
 
     joints: tuple[str, ...]
+    sliding: tuple[bool, ...]
     limits: Floats
     travel: Floats
+    without_shapes: tuple[str, ...]
+    solid: bool
     free: float
     collisions: tuple[tuple[str, float], ...]
     goals: float
@@ -65,22 +71,22 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
     rng = np.random.default_rng(seed)
     low, high = env.arm.limits.T
     poses = rng.uniform(low, high, (n_poses, len(low)))
-    touching = [_touching(env, pose) for pose in poses]
-    free = [pose for pose, pairs in zip(poses, touching, strict=True) if not pairs]
-    counts = Counter(pair for pairs in touching for pair in pairs)
-    pairs = tuple((pair, count / n_poses) for pair, count in counts.most_common())
+    contacts = env.arm.contacts_at(poses)
+    free = [pose for pose, pairs in zip(poses, contacts, strict=True) if not pairs]
     if not free:
-        often = "; ".join(f"{pair} touch in {share:.0%}" for pair, share in pairs if share > 0.5)
-        raise ValueError(f"no random pose is free of collisions: {often}; add links to collision_exempt or change rest")
+        raise ValueError(always_colliding(contacts))
     views = [env.reset(options={"joint_positions": pose})[1] for pose in free]
     seen = np.array([~np.isnan(info["pixel_distances"]) for info in views])
     mirrored = _mirrored_joints(env, poses[:5])
     return Survey(
         joints=env.arm.spec.joints,
+        sliding=env.arm.joints.sliding,
         limits=env.arm.limits,
         travel=_travel(env, free[:20]),
+        without_shapes=tuple(env.arm.without_shapes()),
+        solid=env.arm.solid,
         free=len(free) / n_poses,
-        collisions=pairs,
+        collisions=tuple(shares(contacts)),
         goals=float(np.mean([info["is_success"] for info in views])),
         random_steps=_random_steps(env, n_steps, seed),
         seen=(float(seen.all(axis=1).mean()), float(seen.any(axis=1).mean())),
@@ -88,11 +94,6 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
         mirrored_joints=mirrored,
         unlikeness=float("nan") if mirrored is None else _unlikeness(env, mirrored, free[:50]),
     )
-
-
-def _touching(env: StereoReachEnv, pose: Floats) -> set[str]:
-    env.arm.rest_at(pose)
-    return env.arm.contacts()
 
 
 def _misplaced(env: StereoReachEnv, info: dict[str, Any]) -> float:
@@ -129,14 +130,8 @@ def _random_steps(env: StereoReachEnv, n_steps: int, seed: int) -> float:
 def _mirrored_joints(env: StereoReachEnv, poses: Floats) -> tuple[str, ...] | None:
     """Try every choice of signs on where the links are, the fewest changes first."""
     joints = env.arm.spec.joints
-
-    def links(pose: Floats) -> Floats:
-        env.arm.rest_at(pose)
-        return env.arm.chain_positions
-
-    mirrored = [links(pose) * [1.0, -1.0, 1.0] for pose in poses]
     for signs in sorted(product((1.0, -1.0), repeat=len(joints)), reverse=True):
-        if all(np.allclose(links(pose * signs), there, atol=TINY) for pose, there in zip(poses, mirrored, strict=True)):
+        if mirrors(env.arm, np.array(signs), poses):
             return tuple(joint for joint, sign in zip(joints, signs, strict=True) if sign < 0)
     return None
 
@@ -156,8 +151,9 @@ def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: li
 def describe(result: Survey) -> str:
     """Return the measurements as lines for a person."""
     lines = ["joint                      lower   upper   a full pulse moves it by"]
-    for joint, (low, high), travel in zip(result.joints, result.limits, result.travel, strict=True):
-        lines.append(f"{joint:<24}{low:8.2f}{high:8.2f}{travel:8.2f} rad")
+    for joint, sliding, *numbers in zip(result.joints, result.sliding, *result.limits.T, result.travel, strict=True):
+        low, high, travel = (f"{1000 * n:8.0f}" if sliding else f"{n:8.2f}" for n in numbers)
+        lines.append(f"{joint:<24}{low}{high}{travel} {'mm' if sliding else 'rad'}")
     mirrored = "null: no choice of signs mirrors the arm"
     if result.mirrored_joints is not None:
         mirrored = (
@@ -165,11 +161,23 @@ def describe(result: Survey) -> str:
         )
         mirrored += f"ones by {result.unlikeness:.0%} of what two poses differ by"
     lines += [
-        f"free of collisions: {result.free:.1%} of random poses"
-        + "".join(f"\n  {pair}: {share:.1%}" for pair, share in result.collisions[:8]),
+        _collisions(result),
         f"both markers seen: {result.seen[0]:.1%} of the free poses in every view, {result.seen[1]:.1%} in some view",
         f"blobs beside their markers: {result.misplaced:.1%} of the views",
         f"goals: {result.goals:.2%} of the free poses; a random agent needs {result.random_steps:.0f} steps for one",
         f"mirrored_joints: {mirrored}",
     ]
+    return "\n".join(lines)
+
+
+def _collisions(result: Survey) -> str:
+    if not result.solid:
+        return (
+            "free of collisions: not known, as no link that moves has a collision shape and nothing stops it; "
+            "add <collision> to the links of the URDF"
+        )
+    lines = [f"free of collisions: {result.free:.1%} of random poses"]
+    lines += [f"  {pair}: {share:.1%}" for pair, share in result.collisions[:8]]
+    if result.without_shapes:
+        lines.append(f"  without a collision shape: {', '.join(result.without_shapes)}")
     return "\n".join(lines)

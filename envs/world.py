@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
-import pybullet
-
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera, CameraSpec
+from sb3_stereo.envs.mirror import mirrored_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import add_floor, empty_world
 from sb3_stereo.envs.sight import Eyes, Floats
-from sb3_stereo.envs.specs import quoted, require
+from sb3_stereo.envs.specs import require
 
 
 @dataclass(eq=False)
@@ -52,6 +51,7 @@ class World:
             client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
         if self.damping is not None:
             self.arm.set_damping(self.damping)
+        self.mirrored_joints = mirrored_joints(self.arm)
         self.eyes = Eyes(client, self.cameras, self.arm)
         self._start = client.saveState()
         self._saved: WeakKeyDictionary[object, int] = WeakKeyDictionary()
@@ -115,8 +115,4 @@ class World:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "state.bullet"
             file.write_bytes(record)
-            try:
-                self._client.restoreState(fileName=str(file))
-            except pybullet.error as error:
-                urdf = quoted(self.arm_spec.urdf)
-                raise ValueError(f"{urdf} has changed since the environment was pickled; pickle it anew") from error
+            self._client.restoreState(fileName=str(file))

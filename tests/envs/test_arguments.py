@@ -22,7 +22,8 @@ LIMITS = [[-2.6, 2.6], [-2.0, 2.0], [-2.8, 2.8], [-0.9, 3.1]]
         ({"joint_positions": (0, 3, 0, 0)}, f"joint_positions [0.0, 3.0, 0.0, 0.0] are outside the limits {LIMITS}"),
         (
             {"joint_positions": (0, 2, 0, 1.5)},
-            "joint_positions [0.0, 2.0, 0.0, 1.5] collide; choose a pose clear of the arm itself and the floor",
+            "joint_positions [0.0, 2.0, 0.0, 1.5] collide (forearm and the floor); "
+            "choose a pose clear of the arm itself and the floor",
         ),
         ({"target_position": (0, 0, float("nan"))}, "target_position is [0.0, 0.0, nan]; give finite numbers"),
     ],
@@ -75,7 +76,8 @@ def test_actions_outside_the_space_are_clipped(env: StereoReachEnv) -> None:
         ),
         (
             {"initial_positions": (0, 2, 0, 1.5)},
-            "initial_positions [0.0, 2.0, 0.0, 1.5] collide; choose a pose clear of the arm itself and the floor",
+            "initial_positions [0.0, 2.0, 0.0, 1.5] collide (forearm and the floor); "
+            "choose a pose clear of the arm itself and the floor",
         ),
         ({"physics_rate": 60}, "physics_rate is 60; give at least 240 Hz"),
         ({"physics_rate": 1e6}, "physics_rate is 1000000.0; give at most 100000 Hz"),
