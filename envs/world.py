@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import pybullet
+
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera, CameraSpec
 from sb3_stereo.envs.mirror import mirrored_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import add_floor, empty_world
 from sb3_stereo.envs.sight import Eyes, Floats
-from sb3_stereo.envs.specs import require
+from sb3_stereo.envs.specs import quoted, require
 
 
 @dataclass(eq=False)
@@ -115,4 +117,8 @@ class World:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "state.bullet"
             file.write_bytes(record)
-            self._client.restoreState(fileName=str(file))
+            try:
+                self._client.restoreState(fileName=str(file))
+            except pybullet.error as error:
+                urdf = quoted(self.arm_spec.urdf)
+                raise ValueError(f"{urdf} has changed since the environment was pickled; pickle it anew") from error

@@ -69,13 +69,15 @@ class WatchedPulses(gym.Wrapper[Any, Any, Any, Any]):
         n_parts: Equal parts of a pulse; it is looked at after each but the last, where the step's own frames are.
 
     Raises:
-        ValueError: If `n_parts` is not positive.
+        ValueError: If the environment is another one, or `n_parts` is not a positive integer.
     """
 
     def __init__(self, env: gym.Env[Any, Any], look: Callable[[Sequence[float]], object], n_parts: int = 6) -> None:
         super().__init__(env)
-        if n_parts < 1:
-            raise ValueError(f"n_parts is {n_parts}; give at least 1")
+        if not hasattr(self.unwrapped, "pulse_watchers"):
+            raise ValueError(f"cannot watch the pulses of {self.unwrapped}; it takes a StereoReachEnv")
+        if not isinstance(n_parts, int) or n_parts < 1:
+            raise ValueError(f"n_parts is {n_parts!r}; give an integer of at least 1")
         self._watcher = look, n_parts
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:

@@ -4,7 +4,11 @@ import copy
 import gc
 import multiprocessing
 import pickle
+import re
 from collections.abc import Callable
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.envs.robots import WAM
 from sb3_stereo.envs.wrappers import QuantizedActions, WatchedPulses
 
 COPIES: dict[str, Callable[[Any], Any]] = {
@@ -169,9 +174,29 @@ def test_a_pickled_environment_goes_on_in_another_process(env: StereoReachEnv) -
     assert elsewhere == play(env, random_actions(0, 2))
 
 
+def test_a_robot_that_has_changed_since_it_was_pickled_is_said(tmp_path: Path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    assets = files("sb3_stereo.envs") / "assets"
+    text = (assets / WAM.urdf).read_text(encoding="utf-8")
+    urdf.write_text(text)
+    (tmp_path / "half_cylinder.obj").write_bytes((assets / "half_cylinder.obj").read_bytes())
+    env = StereoReachEnv(arm=replace(WAM, urdf=str(urdf)))
+    env.reset(seed=0)
+    pickled = pickle.dumps(env)
+    pickle.loads(pickled).step(DOWN)
+    base = re.findall(r'<link name="([^"]*)"', text)[0]
+    joint = f'<joint name="j" type="fixed"><parent link="{base}"/><child link="more"/></joint>'
+    urdf.write_text(text.replace("</robot>", f'<link name="more"/>{joint}</robot>'))
+    with pytest.raises(ValueError) as refusal:
+        pickle.loads(pickled)
+    assert str(refusal.value) == f"'{urdf}' has changed since the environment was pickled; pickle it anew"
+    env.close()
+
+
 def test_copies_leak_no_simulator() -> None:
     env = StereoReachEnv()
     env.reset(seed=0)
+    gc.collect()  # what other tests left frees numbers
     numbers = set()
     for _ in range(5):
         twin = copy.deepcopy(env)

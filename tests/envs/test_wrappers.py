@@ -1,11 +1,13 @@
 """Quantised efforts."""
 
+from typing import Any
+
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete
 
-from sb3_stereo.envs.wrappers import QuantizedActions
+from sb3_stereo.envs.wrappers import QuantizedActions, WatchedPulses
 
 
 class Echo(gym.Env[np.ndarray, np.ndarray]):
@@ -60,3 +62,13 @@ def test_what_cannot_be_quantised_is_refused() -> None:
     message = "^11 levels for 4 joints; take at least 2, and at most 10000 actions in all$"
     with pytest.raises(ValueError, match=message):
         QuantizedActions(Echo(), levels=11)
+
+
+def test_pulses_that_cannot_be_watched_are_explained(env: Any) -> None:
+    with pytest.raises(ValueError) as refusal:
+        WatchedPulses(Echo(), print)
+    assert str(refusal.value) == f"cannot watch the pulses of {Echo()}; it takes a StereoReachEnv"
+    for n_parts in (0, -1, 2.5):
+        with pytest.raises(ValueError) as refusal:
+            WatchedPulses(env, print, n_parts)  # type: ignore[arg-type]
+        assert str(refusal.value) == f"n_parts is {n_parts}; give an integer of at least 1"

@@ -84,7 +84,7 @@ def test_a_film_in_a_window_is_as_long_as_any_other(env: Any, monkeypatch: pytes
     pauses: list[float] = []
     monkeypatch.setattr(enjoy.time, "sleep", pauses.append)
     writer = Pictures()
-    monkeypatch.setattr("sb3_stereo.film.make_writer", lambda *_: writer)
+    monkeypatch.setattr("sb3_stereo.viz.film.make_writer", lambda *_: writer)
     with enjoy.watched(env, window=True, video=Path("film.mp4"), zoom=1.0) as both:
         rollout(both)
     pulse = [1] * (N_PARTS - 1) + [PAUSE]
