@@ -9,35 +9,38 @@ an upper bound of the optimum; no learner should be expected below it.
 
 import argparse
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import cache
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import RESULTS
-from sb3_stereo.evaluation.protocol import test_poses
+from benchmarks.analysis.rollouts import BlindSimulation, Floats
+from sb3_stereo.evaluation.protocol import Start, test_starts
 from sb3_stereo.runtime import available_cores
 
-Floats = NDArray[np.float64]
-
-ENV_ID = "sb3_stereo:WamStereoReach-v0"
+ENV_ID = "WamStereoReach-v0"
 MAX_STEPS = 5
 N_SAMPLES, N_ELITE, N_ITERATIONS, N_RESTARTS = 64, 8, 8, 3
 
 
 class Planner:
-    """Cross-entropy search over sequences of efforts, by simulating them without drawing."""
+    """Cross-entropy search over sequences of efforts, by simulating them without drawing.
 
-    def __init__(self) -> None:
-        self.env: Any = gym.make(ENV_ID).unwrapped
+    Args:
+        env_id: Of a `StereoReachEnv`.
+        env_kwargs: Of the environment.
+    """
 
-    def fewest_steps(self, pose: Floats, rng: np.random.Generator) -> int:
-        """Steps of the shortest plan found that reaches from `pose` (n_joints,) [rad]; `MAX_STEPS + 1` if none does."""
-        self.env.reset(options={"joint_positions": pose})
+    def __init__(self, env_id: str, env_kwargs: Mapping[str, Any]) -> None:
+        self.env: Any = gym.make(f"sb3_stereo:{env_id}", **env_kwargs).unwrapped
+        self.blind = BlindSimulation(self.env)
+
+    def fewest_steps(self, start_of_episode: Start, rng: np.random.Generator) -> int:
+        """Steps of the shortest plan found that reaches from a start; `MAX_STEPS + 1` if none does."""
+        self.env.reset(**start_of_episode)
         start = self.env.save_state()
         try:
             for n_steps in range(1, MAX_STEPS + 1):
@@ -64,35 +67,32 @@ class Planner:
 
     def _distance_after(self, start: Any, plan: Floats) -> float:
         """Mean distance of the projected markers after a plan, in the success frame's [px], whatever hides them."""
-        env = self.env
-        env.restore_state(start)
+        self.env.restore_state(start)
         for action in plan:
-            env.arm.push((action * env.effort_limits).tolist(), env.n_pulse_steps)
-            if env.braked:
-                env.arm.brake()
-        markers = np.stack([env.arm.end_effector_position, start.target_position])
-        offsets = np.array([np.subtract(*camera.spec.project(markers)) for camera in env.cameras])
-        return float(env.success_distances(offsets).mean())
+            self.blind.push(action)
+        return self.blind.distance(start.target_position)
 
     def _reaches(self, start: Any, plan: Floats) -> bool:
         self.env.restore_state(start)
         return any(self.env.step(action)[2] for action in plan)
 
 
-def plan_all(poses: Floats, n_workers: int) -> list[int]:
-    """Fewest steps found from each pose, every pose with its own seed."""
-    with ProcessPoolExecutor(n_workers) as pool:
-        return list(pool.map(_plan_one, range(len(poses)), poses))
+def plan_all(env_id: str, env_kwargs: Mapping[str, Any], starts: Sequence[Start], n_workers: int) -> list[int]:
+    """Fewest steps found from each start, every one with its own seed."""
+    with ProcessPoolExecutor(n_workers, initializer=_make_planner, initargs=(env_id, env_kwargs)) as pool:
+        return list(pool.map(_plan_one, range(len(starts)), starts))
 
 
-@cache
-def _planner() -> Planner:
-    """One per process: making an environment takes longer than many plans."""
-    return Planner()
+_planner: Planner  # one per process: making an environment takes longer than many plans
 
 
-def _plan_one(seed: int, pose: Floats) -> int:
-    return _planner().fewest_steps(pose, np.random.default_rng(seed))
+def _make_planner(env_id: str, env_kwargs: Mapping[str, Any]) -> None:
+    global _planner
+    _planner = Planner(env_id, env_kwargs)
+
+
+def _plan_one(seed: int, start: Start) -> int:
+    return _planner.fewest_steps(start, np.random.default_rng(seed))
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--poses", type=int, default=100, help="how many of the test poses (default: all 100)")
     parser.add_argument("--workers", type=int, default=available_cores())
     args = parser.parse_args(argv)
-    steps = plan_all(test_poses("WamStereoReach-v0")[: args.poses], args.workers)
+    steps = plan_all(ENV_ID, {}, test_starts(ENV_ID)[: args.poses], args.workers)
     reached = np.mean(np.array(steps) <= MAX_STEPS)
     print(f"{reached:.0%} reached, {np.mean(steps):.2f} steps on average, counts from 0: {np.bincount(steps)}")
     if args.poses == 100:

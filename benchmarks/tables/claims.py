@@ -19,9 +19,11 @@ import benchmarks
 from benchmarks import FOLDER
 from benchmarks.analysis.depth import probe
 from benchmarks.tables.cells import Row, parse_arguments, read, train_missing, write
-from benchmarks.tables.paper import OUR_CHECKPOINTS, ROWS
+from benchmarks.tables.paper import ROWS
+from benchmarks.tables.readings import OUR_CHECKPOINTS
 from benchmarks.tables.reference import REFERENCE
-from benchmarks.tables.report import line_of, provenance, table
+from benchmarks.tables.report import provenance
+from benchmarks.tables.row_tables import line_of, table
 from sb3_stereo.commands.flags import run_command
 from sb3_stereo.console import say
 from sb3_stereo.runs.directory import model_path

@@ -17,23 +17,12 @@ from pathlib import Path
 import benchmarks
 from benchmarks import FOLDER
 from benchmarks.tables.cells import Row, parse_arguments, train_missing
+from benchmarks.tables.readings import DDPG_CHECKPOINTS, DQN_CHECKPOINTS, OUR_CHECKPOINTS, READING_ROWS
 from benchmarks.tables.report import write_report
 from sb3_stereo.commands.flags import run_command
 from sb3_stereo.tuning.report import tell_failures
 
-DDPG_CHECKPOINTS = (1500, 2000, 5000, 7000, 8500)  # Table 3
-OUR_CHECKPOINTS = (1500, 2000, 3000, 5000, 7000, 8500)
-DQN_CHECKPOINTS = (1500, 3500, 5500, 7500, 10000)  # Table 4
 PIXEL = "policy_kwargs.features_extractor_kwargs.input_norm:pixel"
-
-# The paper names Adam for DDPG and nothing for DQN, which it takes from Mnih et al. 2015: this is theirs, with epsilon
-# inside the root, and with Table 2's learning rate.
-RMSPROP = (
-    "policy_kwargs.optimizer_class:stable_baselines3.common.sb2_compat.rmsprop_tf_like.RMSpropTFLike",
-    "policy_kwargs.optimizer_kwargs.alpha:0.95",
-    "policy_kwargs.optimizer_kwargs.eps:0.01",
-    "policy_kwargs.optimizer_kwargs.centered:true",
-)
 
 
 def paper_ddpg(gamma: float, reading: str) -> Row:
@@ -44,29 +33,25 @@ def paper_ddpg(gamma: float, reading: str) -> Row:
     return Row(f"paper_ddpg_{reading}_gamma_{gamma}", "ddpg", label, arguments, DDPG_CHECKPOINTS)
 
 
-def paper_dqn(gamma: float, optimizer: str = "Adam") -> Row:
-    """Table 2, with one of the two optimizers that the paper may have used for DQN."""
-    params = (f"gamma:{gamma}", *(RMSPROP if optimizer == "RMSprop" else []))
-    arguments = ("-conf", "hyperparams/paper/dqn.yml", "-params", *params)
-    name = f"paper_dqn_{'' if optimizer == 'Adam' else 'rmsprop_'}gamma_{gamma}"
-    return Row(name, "dqn", f"DQN, Table 2, γ {gamma}, {optimizer}", arguments, DQN_CHECKPOINTS)
+def paper_dqn(gamma: float) -> Row:
+    """Table 2. It names no optimizer for DQN; this is Adam, as for DDPG."""
+    arguments = ("-conf", "hyperparams/paper/dqn.yml", "-params", f"gamma:{gamma}")
+    return Row(f"paper_dqn_gamma_{gamma}", "dqn", f"DQN, Table 2, γ {gamma}, Adam", arguments, DQN_CHECKPOINTS)
 
 
 ROWS = (
     Row("ours_ddpg", "ddpg", "**DDPG, ours**", ("--eval-freq", "500"), OUR_CHECKPOINTS),
     paper_ddpg(0.99, "channel"),
     paper_dqn(0.2),
-    paper_dqn(0.2, "RMSprop"),
     Row("ours_dqn", "dqn", "**DQN, ours**", (), DQN_CHECKPOINTS),
     paper_ddpg(0.99, "pixel"),
     paper_dqn(0.5),
     paper_dqn(0.9),
     paper_ddpg(0.9, "channel"),
     paper_ddpg(0.5, "channel"),
-    paper_dqn(0.5, "RMSprop"),
-    paper_dqn(0.9, "RMSprop"),
     paper_ddpg(0.9, "pixel"),
     paper_ddpg(0.5, "pixel"),
+    *READING_ROWS,
 )
 
 

@@ -9,18 +9,13 @@ from scipy.stats import bootstrap
 
 import benchmarks
 from benchmarks.tables.cells import Row, read
+from benchmarks.tables.reading_tables import reading_sections
+from benchmarks.tables.readings import READING_ROWS
+from benchmarks.tables.row_tables import baseline_table, by_checkpoint, line_of, matrix, n_seeds, table
 from sb3_stereo.evaluation.intervals import Floats, interquartile_mean, interval
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
-
-# Tables 3 and 4: success in % and average number of steps at each row's checkpoints.
-PUBLISHED = {
-    "paper_ddpg_channel_gamma_0.99": ((100, 100, 100, 100, 100), (1.95, 2.92, 2.42, 2.21, 1.98)),
-    "paper_ddpg_pixel_gamma_0.99": ((100, 100, 100, 100, 100), (1.95, 2.92, 2.42, 2.21, 1.98)),
-    "paper_dqn_gamma_0.2": ((31, 100, 81, 100, 100), (21.31, 2.52, 8.86, 3.15, 2.96)),
-    "paper_dqn_gamma_0.5": ((62, 64, 89, 97, 96), (16.19, 12.35, 6.11, 4.7, 6.12)),
-}
 
 HEAD = """# Measured results
 
@@ -29,21 +24,21 @@ Written by `python -m benchmarks.tables.paper --report` from the records in `ben
 Every agent is scored on the same 100 test poses, deterministically. Success is the mean over seeds, with the 95 %
 bootstrap interval of the mean; steps are averaged over the poses that were reached (failures are not counted), then
 over seeds. |a| is the mean absolute action on the way: near 1 the actor is saturated. "Published" are the paper's
-numbers. The paper leaves open whether its batch normalisation at the input is per channel or per pixel, and whether DQN
-too is trained with Adam or with RMSprop as in Mnih et al. 2015; neither reading is claimed to be the paper's.
+numbers. The paper leaves open whether its batch normalisation at the input is per channel or per pixel; neither is
+claimed to be the paper's. Where not all seeds of a row have come to its last checkpoint, a line says how many have.
 """
 
 
 def write_report(rows: Sequence[Row], folder: Path) -> Path:
     """Write `RESULTS.md` and the pictures into `folder`, and return the report's path."""
-    parts = [HEAD, *optimum()]
+    parts = [HEAD, *optimum(), *baseline_table()]
     for algo, title in (("ddpg", "DDPG (Table 3)"), ("dqn", "DQN (Table 4)")):
-        chosen = [row for row in rows if row.algo == algo and read(row.record)]
+        chosen = [row for row in rows if row.algo == algo and read(row.record) and row not in READING_ROWS]
         if chosen:
             picture = f"learning_curves_{algo}.svg"
             draw(chosen, folder / picture, title)
             parts.append(f"## {title}\n\n![Success over environment steps]({picture})\n\n{table(chosen)}")
-    parts += comparison(rows)
+    parts += [*comparison(rows), *reading_sections(rows)]
     missing = [f"`{row.name}`" for row in rows if not read(row.record)]
     if missing:
         parts.append(f"Not measured yet: {', '.join(missing)}.\n")
@@ -117,72 +112,18 @@ def difference(first: Floats, second: Floats) -> tuple[float, float]:
     return float(result.confidence_interval.low), float(result.confidence_interval.high)
 
 
-def matrix(row: Row, column: str) -> Floats:
-    """One column of a row's record, shape (n_seeds, n_checkpoints)."""
-    by_seed: dict[str, dict[int, float]] = {}
-    for line in read(row.record):
-        by_seed.setdefault(line["seed"], {})[int(line["timesteps"])] = float(line[column])
-    finished = [scores for scores in by_seed.values() if row.checkpoints[-1] in scores]
-    return np.array([[scores[step] for step in row.checkpoints] for scores in finished])
-
-
-def table(rows: Iterable[Row]) -> str:
-    """A Markdown table per row: a column per checkpoint."""
-    return "\n".join(_row_table(row) for row in rows)
-
-
-def _row_table(row: Row) -> str:
-    success, steps = 100 * matrix(row, "success_rate"), matrix(row, "mean_steps_success")
-    actions, values = matrix(row, "mean_action"), matrix(row, "mean_q")
-    lines = [
-        f"### {row.label}, {_seeds(success)}\n",
-        line_of(["environment steps", *(f"{step}" for step in row.checkpoints)]),
-        line_of(["---"] * (len(row.checkpoints) + 1)),
-        line_of(["success, %", *(_with_interval(column) for column in success.T)]),
-        line_of(["steps when reached", *(_mean(column) for column in steps.T)]),
-        line_of(["mean \\|a\\|", *(_mean(column) for column in actions.T)]),
-        line_of(["mean Q", *(_mean(column) for column in values.T)]),
-    ]
-    if row.name in PUBLISHED:
-        published_success, published_steps = PUBLISHED[row.name]
-        lines.insert(4, line_of(["published success, %", *map(str, published_success)]))
-        lines.insert(6, line_of(["published steps", *map(str, published_steps)]))
-    return "\n".join(lines) + f"\n\n`{' '.join(row.command(0))}`\n"
-
-
-def _seeds(matrix_of_row: Floats) -> str:
-    n_seeds = len(matrix_of_row)
-    return f"{n_seeds} seed" + "s" * (n_seeds != 1)
-
-
-def line_of(entries: Sequence[str]) -> str:
-    """A line of a Markdown table."""
-    return f"| {' | '.join(entries)} |"
-
-
-def _with_interval(values: Floats) -> str:
-    if len(values) == 1:
-        return f"{values[0]:.1f}"  # one seed has no interval
-    low, high = interval(values)
-    return f"{values.mean():.1f} ({low:.0f} to {high:.0f})"
-
-
-def _mean(values: Floats) -> str:
-    """Over the seeds that have a value; a seed that never reached has no steps."""
-    known = values[~np.isnan(values)]
-    return f"{known.mean():.2f}" if known.size else "–"
-
-
 def draw(rows: Iterable[Row], file: Path, title: str) -> None:
     """Success over steps: interquartile mean over seeds and its interval."""
     plt.rcParams["svg.hashsalt"] = "sb3_stereo"  # the same bytes from the same records
     figure, axes = plt.subplots(figsize=(7.5, 5.6), layout="constrained")
     for row in rows:
-        success = 100 * matrix(row, "success_rate")
-        middle = interquartile_mean(success, axis=0)
-        low, high = np.transpose([interval(column, interquartile_mean) for column in success.T])
-        (curve,) = axes.plot(row.checkpoints, middle, marker="o", label=f"{row.label.strip('*')} ({_seeds(success)})")
-        axes.fill_between(row.checkpoints, low, high, alpha=0.2, color=curve.get_color())
+        seeds = by_checkpoint(row, "success_rate")
+        scored = [100 * values for values in seeds if len(values)]
+        middle = [interquartile_mean(values) for values in scored]
+        low, high = np.transpose([interval(values, interquartile_mean) for values in scored])
+        steps = [step for step, values in zip(row.checkpoints, seeds, strict=True) if len(values)]
+        (curve,) = axes.plot(steps, middle, marker="o", label=f"{row.label.strip('*')} ({n_seeds(seeds)})")
+        axes.fill_between(steps, low, high, alpha=0.2, color=curve.get_color())
     axes.set(title=title, xlabel="environment steps", ylabel="test poses reached [%]", ylim=(-3, 103))
     axes.grid(alpha=0.3)
     figure.legend(loc="outside lower center", fontsize="small")  # inside it would hide curves

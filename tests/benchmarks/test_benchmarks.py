@@ -37,13 +37,14 @@ def test_a_critic_that_has_seen_a_reward_knows_it() -> None:
 
 @pytest.mark.parametrize(("displacement", "fewest"), [(0.3, 1), (1.6, 2)])
 def test_the_planner_finds_the_way_back_to_the_target(displacement: float, fewest: int) -> None:
-    planner = optimum.Planner()
+    planner = optimum.Planner("WamStereoReach-v0", {})
     pose = test_poses("WamStereoReach-v0")[0] * 0.3
     _, info = planner.env.reset(options={"joint_positions": pose})
     planner.env._default_target = info["end_effector_position"]
     rng = np.random.default_rng(0)
     # J1 alone turns the end effector away; a full pulse turns it back by about a radian.
-    assert planner.fewest_steps(pose - np.array([displacement, 0, 0, 0]), rng) <= fewest
+    start = {"options": {"joint_positions": pose - np.array([displacement, 0, 0, 0])}}
+    assert planner.fewest_steps(start, rng) <= fewest
 
 
 def test_what_is_collected_does_not_depend_on_the_number_of_workers() -> None:

@@ -12,7 +12,8 @@ import benchmarks
 from benchmarks.tables import cells
 from benchmarks.tables.cells import Row, read, train_missing, write
 from benchmarks.tables.paper import ROWS
-from benchmarks.tables.report import matrix, write_report
+from benchmarks.tables.report import write_report
+from benchmarks.tables.row_tables import matrix
 from sb3_stereo.evaluation.intervals import interval
 from sb3_stereo.tuning import trials
 
@@ -69,10 +70,21 @@ def test_records_are_sorted_and_read_as_written(records: Path) -> None:
     assert ROW.done() == {0, 1}
 
 
-def test_an_unfinished_seed_is_not_done_and_not_in_the_table(records: Path) -> None:
+def test_an_unfinished_seed_is_not_done_and_shown_only_where_it_was_scored(records: Path) -> None:
     write(ROW.record, [*read(ROW.record), {**read(ROW.record)[0], "seed": "2"}])
     assert ROW.done() == {0, 1}
-    assert len(matrix(ROW, "success_rate")) == 2
+    assert len(matrix(ROW, "success_rate")) == 2  # for comparisons
+    text = write_report([ROW], records).read_text()
+    assert "### Made up, 3 seeds, 2 to the end\n" in text
+    assert "| success, % | 16.7 (0 to 50) | 100.0 (100 to 100) |" in text
+    assert "| seeds | 3 | 2 |" in text
+
+
+def test_a_row_that_no_seed_has_ended_is_shown_up_to_where_it_came(records: Path) -> None:
+    write(ROW.record, [line for line in read(ROW.record) if line["timesteps"] == "10"])
+    text = write_report([ROW], records).read_text()
+    assert "### Made up, 2 seeds, none to the end\n" in text
+    assert "| success, % | 25.0 (0 to 50) | – |" in text and "| seeds | 2 | 0 |" in text
 
 
 def test_a_row_without_records_is_named_as_missing(records: Path) -> None:

@@ -1,0 +1,94 @@
+"""The best constant action: one pulse of efforts, repeated whatever the cameras see.
+
+It is chosen on starts of training, to be scored on others. Candidates are simulated without drawing, which takes a
+fifth of the time; the best few are then played in the environment as it is.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from benchmarks.analysis.rollouts import BlindSimulation, Floats, constant_action, episode_cap, play
+from sb3_stereo.evaluation.protocol import Start
+
+N_BLIND_STARTS, BLIND_HORIZON = 40, 10  # a joint under a full effort is at its limit after some five steps
+N_SAMPLES, N_ELITE, N_ITERATIONS = 32, 6, 4
+N_FINALISTS = 3
+
+
+def best_constant(env: gym.Env[Any, Any], starts: Sequence[Start]) -> tuple[Floats, Floats]:
+    """Search the constant action with the fewest steps, a failure counted as the cap.
+
+    Args:
+        env: A `StereoReachEnv`, registered.
+        starts: Of training.
+
+    Returns:
+        The best action of full efforts and none, which are those of a DQN with 3 levels, and the best of all, from a
+        cross-entropy search that begins there. Shape (n_joints,) each.
+    """
+    search = Search(env, starts[:N_BLIND_STARTS])
+    try:
+        quantised = [np.array(levels) for levels in product((-1.0, 0.0, 1.0), repeat=env.action_space.shape[0])]  # type: ignore[index]
+        scored = [(search.mean_steps(action), action) for action in quantised]
+        best_quantised = best_played(env, starts, scored)
+        scored += search.refine(best_quantised)
+    finally:
+        search.close()
+    return best_quantised, best_played(env, starts, scored)
+
+
+def best_played(env: gym.Env[Any, Any], starts: Sequence[Start], scored: Sequence[tuple[float, Floats]]) -> Floats:
+    """Of the actions with the fewest simulated steps, the one that needs the fewest in the environment."""
+    finalists = [action for _, action in sorted(scored, key=lambda pair: pair[0])[:N_FINALISTS]]
+    return min(finalists, key=lambda action: play(env, starts, constant_action(action)).mean_steps_capped)
+
+
+class Search:
+    """Scores constant actions by simulating them without drawing.
+
+    Args:
+        env: A `StereoReachEnv`, registered.
+        starts: From which every action is tried.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], starts: Sequence[Start]) -> None:
+        task: Any = env.unwrapped
+        self.env = task
+        self.blind, self.cap = BlindSimulation(self.env), episode_cap(env)
+        self.states = []
+        for start in starts:
+            env.reset(**start)
+            self.states.append(self.env.save_state())
+
+    def close(self) -> None:
+        """Free the saved starts."""
+        for state in self.states:
+            self.env.remove_state(state)
+
+    def mean_steps(self, action: Floats) -> float:
+        """Steps to the goal, mean over the starts; the cap where it is not reached in a few."""
+        return float(np.mean([self._steps(state, action) for state in self.states]))
+
+    def _steps(self, state: Any, action: Floats) -> int:
+        self.env.restore_state(state)
+        for step in range(1, BLIND_HORIZON + 1):
+            self.blind.push(action)
+            if self.blind.distance(state.target_position) <= self.env.rho:
+                return step
+        return self.cap
+
+    def refine(self, mean: Floats) -> list[tuple[float, Floats]]:
+        """Score actions around `mean`, shape (n_joints,), ever closer to the best ones (cross-entropy method)."""
+        rng, spread = np.random.default_rng(0), np.full(len(mean), 0.5)
+        scored: list[tuple[float, Floats]] = []
+        for _ in range(N_ITERATIONS):
+            actions = np.clip(mean + spread * rng.standard_normal((N_SAMPLES, len(mean))), -1, 1)
+            steps = np.array([self.mean_steps(action) for action in actions])
+            scored += zip(steps.tolist(), actions, strict=True)
+            elite = actions[np.argsort(steps)[:N_ELITE]]
+            mean, spread = elite.mean(axis=0), elite.std(axis=0) + 0.02
+        return scored
