@@ -7,7 +7,7 @@ from pathlib import Path
 from sb3_stereo.commands.flags import Parser, run_command
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.evaluation.curves import draw, group_runs
+from sb3_stereo.evaluation.curves import draw, group_runs, readable_runs
 
 FORMATS = (".pdf", ".png", ".svg")
 
@@ -27,12 +27,17 @@ def plot_command(args: argparse.Namespace) -> int:
     file = Path(args.output)
     if file.suffix not in FORMATS:
         raise ConfigError(f"cannot draw '{file}'; the name must end in {', '.join(FORMATS)}")
-    groups = group_runs([Path(run) for run in args.runs])
+    runs, left_out = readable_runs([Path(run) for run in args.runs])
+    if not runs:
+        raise ConfigError("; ".join(left_out))
+    groups = group_runs(runs)
     try:
         draw(groups, file)
     except ModuleNotFoundError as error:
         raise ConfigError(f'drawing needs {error.name}; install it with: pip install "sb3_stereo[plots]"') from error
     print(f"Drew {', '.join(group.label for group in groups)} into {file}")
+    for reason in left_out:
+        print(f"left out: {reason}", file=sys.stderr)
     return 0
 
 

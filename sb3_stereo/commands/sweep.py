@@ -42,6 +42,8 @@ def sweep_command(args: argparse.Namespace) -> int:
     check_flags(args, sweep)
     folder = Path(args.log_folder).absolute() / "sweeps" / Path(args.file).stem
     claim(sweep, folder)
+    if sweep.unused:
+        print(f"Not used: {', '.join(sweep.unused)}")
     failures = [] if args.report or is_done(sweep, folder) else run_sweep(args, sweep, folder)
     print(write_report(sweep, folder))
     return tell_failures(failures)

@@ -33,6 +33,19 @@ class Curves(NamedTuple):
     scores: dict[str, Floats]  # column: (n_runs, n_checkpoints)
 
 
+def readable_runs(runs: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """Return the runs that can be drawn, each once, and why each of the others cannot."""
+    found, left_out = [], []
+    for run in {run.resolve(): run for run in runs}.values():
+        try:
+            load_record(run)
+            read_scores(run)
+            found.append(run)
+        except ConfigError as error:
+            left_out.append(str(error))
+    return found, left_out
+
+
 def group_runs(runs: Sequence[Path]) -> list[Curves]:
     """Put runs of equal configuration together, and label the groups by what differs."""
     groups: list[tuple[dict[str, Any], list[Path]]] = []
@@ -44,7 +57,7 @@ def group_runs(runs: Sequence[Path]) -> list[Curves]:
         else:
             members.append(run)
     everything = [settings for settings, _ in groups]
-    return [_curves(label(settings, everything), members) for settings, members in groups]
+    return [curves for settings, members in groups for curves in _curves(label(settings, everything), members)]
 
 
 def label(settings: Mapping[str, Any], everything: Sequence[Mapping[str, Any]]) -> str:
@@ -54,16 +67,17 @@ def label(settings: Mapping[str, Any], everything: Sequence[Mapping[str, Any]]) 
     return ", ".join([str(settings["algo"]), *(f"{key.rpartition('.')[2]} {settings.get(key)}" for key in differing)])
 
 
-def _curves(name: str, runs: Sequence[Path]) -> Curves:
+def _curves(name: str, runs: Sequence[Path]) -> list[Curves]:
+    """Return the curves of a group: one of all its runs, or one each if they have no step in common."""
     scores = [read_scores(run) for run in runs]
     timesteps = sorted(set.intersection(*(set(by_step) for by_step in scores)))
     if not timesteps:
-        raise ConfigError(f"the runs of '{name}' were scored at different steps; plot them one by one")
+        return [curves for run in runs for curves in _curves(f"{name}, {run.name}", [run])]
     columns = {
         column: np.array([[by_step[step].get(column, np.nan) for step in timesteps] for by_step in scores])
         for column in PANELS
     }
-    return Curves(f"{name} ({len(runs)} run{'s' * (len(runs) > 1)})", np.array(timesteps), columns)
+    return [Curves(f"{name} ({len(runs)} run{'s' * (len(runs) > 1)})", np.array(timesteps), columns)]
 
 
 def draw(groups: Sequence[Curves], file: Path) -> None:

@@ -1,12 +1,11 @@
 """The evaluations of a run: read from its directory, and as a table."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
 from sb3_stereo.console import aligned, duration
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.runs.directory import EVALUATIONS
+from sb3_stereo.runs.directory import EVALUATIONS, UNREADABLE, scores_by_step
 
 
 def read_scores(run: Path) -> dict[int, dict[str, float]]:
@@ -16,9 +15,10 @@ def read_scores(run: Path) -> dict[int, dict[str, float]]:
         ConfigError: If there are none.
     """
     try:
-        with (run / EVALUATIONS).open(newline="", encoding="utf-8") as file:
-            scores = {int(line["timesteps"]): {k: float(v) for k, v in line.items()} for line in csv.DictReader(file)}
-    except (OSError, KeyError, TypeError, ValueError) as error:
+        scores = scores_by_step(run)
+    except FileNotFoundError:
+        scores = {}
+    except (OSError, *UNREADABLE) as error:
         raise ConfigError(f"cannot read the scores in '{run / EVALUATIONS}' ({type(error).__name__})") from error
     if not scores:
         raise ConfigError(f"'{run}' has no scores yet; the first comes at the first checkpoint of its training")

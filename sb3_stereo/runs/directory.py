@@ -31,6 +31,7 @@ except ImportError:  # not on Windows
 
 BEST_MODEL = "best_model.zip"
 EVALUATIONS = "evaluations.csv"
+UNREADABLE = (KeyError, TypeError, ValueError, csv.Error)  # what a damaged table raises
 ARGUMENTS = "args.yml"
 CHECKPOINT_PREFIX = "rl_model"
 PACKAGES = ("stable-baselines3", "sb3-contrib", "gymnasium", "torch", "numpy", "opencv-python-headless", "pybullet")
@@ -156,12 +157,27 @@ def locked(run: str | Path) -> Iterator[None]:
 
 def has_ended(run: str | Path, config: Config) -> bool:
     """Return whether a run was trained to its end, scored and saved."""
-    evaluations = Path(run) / EVALUATIONS
-    if not evaluations.is_file() or not (Path(run) / f"{env_name(config.env_id)}.zip").is_file():
+    if not (Path(run) / f"{env_name(config.env_id)}.zip").is_file():
         return False
-    with evaluations.open(newline="", encoding="utf-8") as file:
-        steps = [row["timesteps"] for row in csv.DictReader(file)]
-    return bool(steps) and int(steps[-1]) >= config.n_timesteps
+    try:
+        return max(scores_by_step(run), default=0) >= config.n_timesteps
+    except (OSError, *UNREADABLE):
+        return False
+
+
+def scores_by_step(run: str | Path) -> dict[int, dict[str, float]]:
+    """Return a run's scores; a last row that was cut off while it was written is none.
+
+    Raises:
+        OSError: If there are none, or they cannot be read.
+        KeyError, TypeError, ValueError, csv.Error: If they are damaged, see `UNREADABLE`.
+    """
+    with (Path(run) / EVALUATIONS).open(newline="", encoding="utf-8") as file:
+        lines = file.readlines()
+    while lines and not (lines[-1].endswith("\n") and lines[-1].count(",") == lines[0].count(",")):
+        lines.pop()
+    rows = csv.DictReader(lines)
+    return {int(row["timesteps"]): {column: float(text) for column, text in row.items()} for row in rows}
 
 
 def how_to_resume(run: Path) -> str:

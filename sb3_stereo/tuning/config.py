@@ -1,21 +1,35 @@
 """A sweep's YAML becomes one checked, frozen description; the keys are those of W&B sweeps where W&B has them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from sb3_stereo.config.components import check_kwargs, parameters
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked_dataclass
+
 from sb3_stereo.config.schema import DEFAULT_ENV, Config, load_config, overridden
+from sb3_stereo.config.validation import STRICT, Integer, Number, checked
 from sb3_stereo.config.values import read_yaml
 from sb3_stereo.errors import ConfigError, unknown
 from sb3_stereo.evaluation.protocol import Evaluation
-from sb3_stereo.tuning.parameters import Parameter, parse_parameters
+from sb3_stereo.tuning.parameters import Choice, Parameter, check_examples, n_settings
+from sb3_stereo.tuning.settings import listed_settings
+from sb3_stereo.tuning.stopping import EarlyTerminate, parse_early_terminate
+from sb3_stereo.tuning.wandb import parse_parameters
 
 METHODS = ("bayes", "grid", "random")
 GOALS = ("maximize", "minimize")
 SCORE_PREFIX = "eval/"
 METRICS = tuple(SCORE_PREFIX + score.name for score in fields(Evaluation) if score.type is float)
+# Keys of W&B's files that name a script, an account or a service, of which there is none here.
+WITHOUT_MEANING = frozenset(
+    {"$schema", "apiVersion", "command", "controller", "description", "entity", "image_uri", "job", "kind"}
+    | {"launch", "name", "program", "project"}
+)
+MAX_TRIALS = 10_000  # they take minutes each; more are a mistake in a range
+N_CHECKED = 500  # settings that are checked one by one before a sweep starts
 
 
 @dataclass(frozen=True)
@@ -41,22 +55,7 @@ class Metric:
         return float("-inf") if self.goal == "maximize" else float("inf")
 
 
-@dataclass(frozen=True)
-class EarlyTerminate:
-    """Asynchronous successive halving (ASHA): the worse trials are stopped at rungs that lie ever farther apart.
-
-    Attributes:
-        type: "asha".
-        min_iter: Environment steps before a trial may be stopped, the first rung.
-        eta: One in so many trials goes on from a rung; the next is so many times as far.
-    """
-
-    type: str
-    min_iter: int
-    eta: float = 3
-
-
-@dataclass(frozen=True)
+@checked_dataclass(frozen=True, config=STRICT)
 class Resources:
     """What a trial occupies; Ray runs as many trials at a time as fit.
 
@@ -65,8 +64,12 @@ class Resources:
         gpu: GPUs; a fraction lets trials share one.
     """
 
-    cpu: float = 1
-    gpu: float = 0
+    cpu: Annotated[Number, Field(ge=1e-4)] = 1.0  # Ray counts in ten-thousandths
+    gpu: Annotated[Number, Field(ge=0)] = 0.0
+
+    def __post_init__(self) -> None:
+        if 0 < self.gpu < 1e-4 or (self.gpu > 1 and not self.gpu.is_integer()):
+            raise ConfigError(f"resources: gpu must be 0, a fraction from 0.0001 to 1, or whole, got {self.gpu:g}")
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,12 @@ class Sweep:
         parameters: What is searched.
         base: The hyper-parameters that all trials share.
         seeds: Seeds of every setting.
-        n_trials: Settings that random and bayes train; 0 for grid.
+        n_settings: How many settings are trained.
         eval_freq: When trials are scored, as in train.py.
         early_terminate: Stops bad trials; None trains all to the end.
         resources: What a trial occupies.
         retries: How often a trial that fails is tried again.
+        unused: Keys of the file that have no meaning here.
     """
 
     method: str
@@ -91,18 +95,71 @@ class Sweep:
     parameters: tuple[Parameter, ...]
     base: Config
     seeds: tuple[int, ...]
-    n_trials: int
+    n_settings: int
     eval_freq: int
     early_terminate: EarlyTerminate | None
     resources: Resources
     retries: int
+    unused: tuple[str, ...] = ()
+
+    def settings(self) -> list[dict[str, Any]]:
+        """Return the settings of grid and random, which are known beforehand."""
+        return listed_settings(self.parameters, self.method, self.n_settings)
+
+    def setting(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the setting that a sampler's draws stand for."""
+        return {parameter.name: parameter.settle(drawn[parameter.name]) for parameter in self.parameters}
 
     def plain(self) -> dict[str, Any]:
         """Return the description as numbers, texts, lists and maps only."""
-        base = {"algo": self.base.algo, "env": self.base.env_id, "hyperparams": self.base.plain()}
-        values = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "base"}
-        nested = {key: asdict(value) for key, value in values.items() if hasattr(value, "__dataclass_fields__")}
-        return base | values | nested | {"parameters": [asdict(parameter) for parameter in self.parameters]}
+        early = asdict(self.early_terminate) if self.early_terminate else None
+        return {
+            "algo": self.base.algo,
+            "env": self.base.env_id,
+            "hyperparams": self.base.plain(),
+            "method": self.method,
+            "metric": asdict(self.metric),
+            "parameters": [asdict(parameter) for parameter in self.parameters],
+            "seeds": list(self.seeds),
+            "n_trials": self.n_settings,
+            "eval_freq": self.eval_freq,
+            "early_terminate": early,
+            "resources": {"cpu": self.resources.cpu, "gpu": self.resources.gpu},
+            "retries": self.retries,
+        }
+
+
+@checked_dataclass(frozen=True, config=STRICT)
+class SweepFile:
+    """The keys of a sweep's YAML.
+
+    Attributes:
+        method: One of `METHODS`.
+        metric: See `Metric`.
+        parameters: Name to W&B's `value`, `values`, or a `distribution` with its arguments, or nested `parameters`.
+        algo: The algorithm.
+        env: The environment's id.
+        conf_file: Hyper-parameters to start from, relative to the sweep's file; by default ours for the algorithm.
+        n_timesteps: Environment steps per trial; by default the hyper-parameters'.
+        seeds: See `Sweep`; as are the others.
+        n_trials: Settings that random and bayes train.
+        run_cap: At most so many trials, that is settings times seeds.
+    """
+
+    method: str
+    metric: dict[str, Any]
+    parameters: dict[Any, Any]
+    algo: str = "ddpg"
+    env: str = DEFAULT_ENV
+    conf_file: str | None = None
+    n_timesteps: Annotated[Integer, Field(ge=1)] | None = None
+    seeds: list[Any] | None = None
+    n_trials: Annotated[Integer, Field(ge=1, le=MAX_TRIALS)] | None = None
+    run_cap: Annotated[Integer, Field(ge=1)] | None = None
+    eval_freq: Integer = 0
+    early_terminate: dict[str, Any] | None = None
+    resources: dict[str, Any] | None = None
+    retries: Annotated[Integer, Field(ge=0)] = 2
 
 
 def load_sweep(file: str | Path) -> Sweep:
@@ -116,130 +173,111 @@ def load_sweep(file: str | Path) -> Sweep:
         raise ConfigError(f"no sweep '{file}'; give a YAML file such as hyperparams/sweeps/ddpg_gamma.yml")
     content = read_yaml(source)
     if not isinstance(content, Mapping):
-        raise ConfigError(f"'{file}' must hold a map with the keys {', '.join(parameters(make_sweep))}")
-    kwargs = check_kwargs(make_sweep, content, f"'{source.name}'", {"folder"})
-    for key in ("method", "metric", "parameters"):
-        if key not in kwargs:
-            raise ConfigError(f"'{source.name}' lacks '{key}'; add it")
-    return make_sweep(**kwargs, folder=source.parent)
+        keys = ", ".join(field.name for field in fields(SweepFile))
+        raise ConfigError(f"'{file}' must hold a map with the keys {keys}")
+    unused = [key for key in content if key in WITHOUT_MEANING]
+    used = {key: value for key, value in content.items() if key not in unused}
+    return make_sweep(checked(SweepFile, used, f"'{source.name}'"), source.parent, unused)
 
 
-def make_sweep(
-    *,
-    method: str,
-    metric: Mapping[str, Any],
-    parameters: Mapping[str, Any],
-    algo: str = "ddpg",
-    env: str = DEFAULT_ENV,
-    conf_file: str | None = None,
-    n_timesteps: int = -1,
-    seeds: Sequence[int] = (0,),
-    n_trials: int = 0,
-    eval_freq: int = 0,
-    early_terminate: Mapping[str, Any] | None = None,
-    resources: Mapping[str, Any] | None = None,
-    retries: int = 2,
-    folder: Path,
-) -> Sweep:
-    """Make a sweep of a YAML's keys, which are these arguments.
+def make_sweep(keys: SweepFile, folder: Path, unused: list[str]) -> Sweep:
+    """Make a sweep of a YAML's keys.
 
     Args:
-        method: One of `METHODS`.
-        metric: See `Metric`.
-        parameters: Name to W&B's `value`, `values`, or `min`, `max`, `q` with `distribution`, or nested `parameters`.
-        algo: The algorithm.
-        env: The environment's id.
-        conf_file: Hyper-parameters to start from, relative to the sweep's file; by default ours for the algorithm.
-        n_timesteps: Environment steps per trial; by default the hyper-parameters'.
-        seeds: See `Sweep`; as are the others.
+        keys: The keys.
         folder: Where the sweep's file is.
+        unused: Keys of the file that have no meaning here.
     """
-    searched = parse_parameters(parameters)
-    constants = {p.name: p.values[0] for p in searched if p.distribution == "constant"}
-    conf = folder / conf_file if conf_file else None
+    if keys.method not in METHODS:
+        raise unknown("method", keys.method, METHODS)
+    seeds = _seeds(keys.seeds)
+    constants, searched = parse_parameters(keys.parameters)
+    conf = folder / keys.conf_file if keys.conf_file else None
     if conf is not None and not conf.is_file():
         raise ConfigError(f"no conf_file '{conf}'; its path is relative to the sweep's file")
-    early = None
-    if early_terminate is not None:
-        early = EarlyTerminate(**_section(EarlyTerminate, early_terminate, "early_terminate"))
-    sweep = Sweep(
-        method=method,
-        metric=Metric(**_section(Metric, metric, "metric")),
-        parameters=tuple(p for p in searched if p.distribution != "constant"),
-        base=load_config(algo, env, conf, constants, n_timesteps=n_timesteps),
-        seeds=tuple(seeds),
-        n_trials=n_trials,
-        eval_freq=eval_freq,
-        early_terminate=early,
-        resources=Resources(**_section(Resources, resources or {}, "resources")),
-        retries=retries,
-    )
-    _check(sweep)
-    return sweep
-
-
-def _section(cls: type, values: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Check a map against the fields of a class, and that none is missing."""
-    kwargs = check_kwargs(cls, values, name)
-    for key, parameter in parameters(cls).items():
-        if parameter.default is parameter.empty and key not in kwargs:
-            raise ConfigError(f"{name} lacks '{key}'; add it")
-    return kwargs
-
-
-def _check(sweep: Sweep) -> None:
-    """Raise a ConfigError for values that are not among the choices or do not go together."""
-    if sweep.method not in METHODS:
-        raise unknown("method", sweep.method, METHODS)
-    if sweep.metric.name not in METRICS:
-        raise unknown("metric", sweep.metric.name, METRICS)
-    if sweep.metric.goal not in GOALS:
-        raise unknown("goal", sweep.metric.goal, GOALS)
-    _check_numbers(sweep)
-    _check_parameters(sweep)
-    _check_early_terminate(sweep)
-
-
-def _check_numbers(sweep: Sweep) -> None:
-    seeds = sweep.seeds
-    are_seeds = all(isinstance(seed, int) and 0 <= seed < 2**32 for seed in seeds)
-    if not seeds or not are_seeds or len(set(seeds)) < len(seeds):
-        raise ConfigError(f"seeds must be different integers from 0 to {2**32 - 1}, got {list(seeds)}")
-    if (sweep.method == "grid") != (sweep.n_trials == 0) or sweep.n_trials < 0:
-        rule = "does not go with grid, which trains all combinations" if sweep.method == "grid" else "must be positive"
-        raise ConfigError(f"n_trials {rule}; got {sweep.n_trials}")
-    if sweep.resources.cpu <= 0 or sweep.resources.gpu < 0 or sweep.retries < 0:
-        raise ConfigError(
-            "resources.cpu must be positive, resources.gpu and retries not negative; "
-            f"got {sweep.resources.cpu}, {sweep.resources.gpu} and {sweep.retries}"
-        )
-
-
-def _check_parameters(sweep: Sweep) -> None:
-    """Let the hyper-parameters' own checks look at every choice and at both ends of every range."""
-    if not sweep.parameters:
-        raise ConfigError("parameters hold nothing to search; give one of them values, or min and max")
-    for parameter in sweep.parameters:
-        if sweep.method == "grid" and not parameter.values:
-            raise ConfigError(f"parameter '{parameter.name}': grid needs values; random and bayes take min and max")
-        for value in parameter.values or (parameter.min, parameter.max):
-            overridden(sweep.base, {parameter.name: value})
-
-
-def _check_early_terminate(sweep: Sweep) -> None:
-    early = sweep.early_terminate
-    if early is None:
-        return
-    if early.type != "asha":
-        raise unknown("early_terminate type", early.type, ["asha"])
-    if not 0 < early.min_iter < sweep.base.n_timesteps or early.eta <= 1:
-        raise ConfigError(
-            f"early_terminate: min_iter must be between 0 and n_timesteps ({sweep.base.n_timesteps}) and eta above 1, "
-            f"got {early.min_iter} and {early.eta}"
-        )
-    if sweep.eval_freq < 0:
-        raise ConfigError("early_terminate needs scores during the training; eval_freq: -1 scores at the end only")
-    if sweep.method == "bayes" and len(sweep.seeds) > 1:
+    base = load_config(keys.algo, keys.env, conf, constants, n_timesteps=keys.n_timesteps or -1)
+    _check_parameters(keys.method, searched)
+    check_examples(searched, lambda params: overridden(base, params))
+    early = parse_early_terminate(keys.early_terminate, base, searched, keys.eval_freq, unused)
+    if early and keys.method == "bayes" and len(seeds) > 1:
         raise ConfigError(
             "early_terminate does not go with bayes over several seeds; give one seed, or train to the end"
         )
+    if keys.method == "bayes":
+        unused += [f"probabilities of '{p.name}' (for random)" for p in searched if isinstance(p, Choice) and p.weights]
+    sweep = Sweep(
+        method=keys.method,
+        metric=_metric(keys.metric, unused),
+        parameters=searched,
+        base=base,
+        seeds=seeds,
+        n_settings=_n_settings(keys, searched, len(seeds)),
+        eval_freq=keys.eval_freq,
+        early_terminate=early,
+        resources=checked(Resources, keys.resources or {}, "resources"),
+        retries=keys.retries,
+        unused=tuple(unused),
+    )
+    for setting in islice(sweep.settings(), N_CHECKED):  # what goes alone may not go together
+        overridden(base, setting)
+    return sweep
+
+
+def _seeds(given: list[Any] | None) -> tuple[int, ...]:
+    seeds = tuple([0] if given is None else given)
+    are_seeds = all(isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**32 for seed in seeds)
+    if not seeds or not are_seeds or len(set(seeds)) < len(seeds):
+        raise ConfigError(f"seeds must be different integers from 0 to {2**32 - 1}, got {list(seeds)}")
+    return seeds
+
+
+def _metric(given: Mapping[str, Any], unused: list[str]) -> Metric:
+    """Read W&B's `metric`; a `target` ends no sweep here, and a trial that fails is repeated, not imputed."""
+    ignored = [key for key in given if key in ("target", "impute", "impute_while_running")]
+    unused += [f"metric.{key}" for key in ignored]
+    keys = {key: value for key, value in given.items() if key not in ignored}
+    for key in keys:
+        if key not in ("name", "goal"):
+            raise unknown("argument of metric", key, ("name", "goal"))
+    for key in ("name", "goal"):  # W&B's default, minimize, would be wrong for most of our scores
+        if key not in keys:
+            raise ConfigError(f"metric lacks '{key}'; add it")
+    if keys["name"] not in METRICS:
+        raise unknown("metric", keys["name"], METRICS)
+    if keys["goal"] not in GOALS:
+        raise unknown("goal", keys["goal"], GOALS)
+    return Metric(keys["name"], keys["goal"])
+
+
+def _check_parameters(method: str, parameters: tuple[Parameter, ...]) -> None:
+    """Raise a ConfigError if there is nothing to search, or not by this method."""
+    if not parameters:
+        raise ConfigError("parameters hold nothing to search; give one of them values, or min and max")
+    for parameter in parameters if method == "grid" else ():
+        if parameter.n_values == float("inf"):
+            raise ConfigError(
+                f"parameter '{parameter.name}': grid needs values, or a range with steps (int_uniform, q_uniform); "
+                "random and bayes take any range"
+            )
+        if isinstance(parameter, Choice) and parameter.weights:
+            raise ConfigError(f"parameter '{parameter.name}': grid takes all values; leave the probabilities out")
+
+
+def _n_settings(keys: SweepFile, parameters: tuple[Parameter, ...], n_seeds: int) -> int:
+    """Return how many settings are trained."""
+    possible = n_settings(parameters)
+    if keys.method == "grid" and keys.n_trials is not None:
+        raise ConfigError(f"n_trials does not go with grid, which trains all combinations; got {keys.n_trials}")
+    cap = keys.run_cap // n_seeds if keys.run_cap else None
+    if cap == 0:
+        raise ConfigError(f"run_cap {keys.run_cap} is less than one setting with {n_seeds} seeds; raise it")
+    wanted = possible if keys.method == "grid" else keys.n_trials or cap
+    if wanted is None:
+        raise ConfigError(f"{keys.method} needs n_trials, how many settings to train; add it")
+    n = min(wanted, possible, cap or possible)
+    if n * n_seeds > MAX_TRIALS:
+        raise ConfigError(
+            f"{n:g} settings with {n_seeds} seed{'s' * (n_seeds > 1)} are more than {MAX_TRIALS} trials; "
+            "give fewer values, or run_cap"
+        )
+    return int(n)

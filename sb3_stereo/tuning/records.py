@@ -2,23 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isnan, prod
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from sb3_stereo.config.schema import Config
+from sb3_stereo.config.schema import Config, overridden
+from sb3_stereo.config.values import read_yaml
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.scores import read_scores
 from sb3_stereo.runs.directory import env_name, find_run, has_ended, load_record, run_ids
 from sb3_stereo.runs.files import replacing
 from sb3_stereo.tuning.config import Metric, Sweep
+from sb3_stereo.tuning.settings import key
 
 STOPPED = "stopped.txt"
 SWEEP = "sweep.yml"
-MAY_CHANGE = ("n_trials", "resources", "retries", "seeds")  # between two calls for the same sweep
+MAY_CHANGE = ("n_trials", "resources", "retries", "run_cap", "seeds")  # between two calls for the same sweep
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Setting:
 
 
 def scores(run: Path) -> dict[int, dict[str, float]]:
-    """Return a run's scores by step, none if it has none yet."""
+    """Return a run's scores by step, none if it has none yet or they cannot be read."""
     try:
         return read_scores(run)
     except ConfigError:
@@ -73,10 +75,11 @@ def scores(run: Path) -> dict[int, dict[str, float]]:
 
 
 def state(run: Path, config: Config) -> str:
-    """Return "finished", "stopped" or "unfinished"."""
-    if has_ended(run, config):
+    """Return "finished", "stopped" or "unfinished"; scores that cannot be read are no end of a trial."""
+    last = max(scores(run), default=0)
+    if last >= config.n_timesteps and has_ended(run, config):
         return "finished"
-    return "stopped" if (run / STOPPED).is_file() else "unfinished"
+    return "stopped" if last and (run / STOPPED).is_file() else "unfinished"
 
 
 def find_trial(folder: Path, config: Config, seed: int) -> Path | None:
@@ -90,26 +93,46 @@ def find_trial(folder: Path, config: Config, seed: int) -> Path | None:
                 continue
             if yaml.safe_load((records / "args.yml").read_text(encoding="utf-8"))["seed"] == seed:
                 return run
-        except (OSError, yaml.YAMLError, KeyError, TypeError):  # killed while it was made: nobody's run
+        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError):  # killed while it was made: nobody's run
             continue
     return None
 
 
 def read_trials(sweep: Sweep, folder: Path) -> list[Trial]:
     """Return all trials of a sweep that have a run."""
+    return read_folder(sweep, folder)[0]
+
+
+def read_folder(sweep: Sweep, folder: Path) -> tuple[list[Trial], list[str]]:
+    """Return all trials of a sweep that have a run, and what is said of each run that is none."""
     algo, env_id = sweep.base.algo, sweep.base.env_id
-    found = []
+    trials, others = [], []
     for number in run_ids(folder, algo, env_id):
         run = find_run(folder, algo, env_id, number)
         try:
-            config, args = load_record(run)
-        except ConfigError:  # as above
-            continue
-        by_step = scores(run)
-        last = max(by_step, default=0)
-        score = defined(by_step[last][sweep.metric.score], sweep.metric) if by_step else sweep.metric.worst
-        found.append(Trial(run, args["params"], args["seed"], state(run, config), last, score))
-    return found
+            trials.append(_trial(sweep, run))
+        except ConfigError as error:
+            others.append(f"{run.name}: {error}")
+    return trials, others
+
+
+def _trial(sweep: Sweep, run: Path) -> Trial:
+    """Return a run as a trial.
+
+    Raises:
+        ConfigError: If it is none of the sweep's, or was killed while it was made.
+    """
+    config, args = load_record(run)
+    params, seed = args.get("params"), args.get("seed")
+    names = {parameter.name for parameter in sweep.parameters}
+    if not isinstance(params, Mapping) or set(params) != names or not isinstance(seed, int):
+        raise ConfigError("not a trial of this sweep")
+    if config.plain() != overridden(sweep.base, params).plain():
+        raise ConfigError("a trial of another sweep")
+    by_step = scores(run)
+    last = max(by_step, default=0)
+    score = by_step[last].get(sweep.metric.score, float("nan")) if by_step else float("nan")
+    return Trial(run, dict(params), seed, state(run, config), last, defined(score, sweep.metric))
 
 
 def defined(score: float, metric: Metric) -> float:
@@ -122,7 +145,7 @@ def settings(sweep: Sweep, trials: Sequence[Trial]) -> list[Setting]:
     groups: dict[str, list[Trial]] = {}
     for trial in trials:
         if trial.seed in sweep.seeds:
-            groups.setdefault(yaml.safe_dump(dict(trial.params)), []).append(trial)
+            groups.setdefault(key(trial.params), []).append(trial)
     found = [_setting(sweep, members) for members in groups.values()]
     sign = -1 if sweep.metric.goal == "maximize" else 1
     return sorted(found, key=lambda setting: (not setting.is_complete, sign * setting.score))
@@ -136,8 +159,10 @@ def _setting(sweep: Sweep, trials: Sequence[Trial]) -> Setting:
 
 def is_done(sweep: Sweep, folder: Path) -> bool:
     """Return whether there is nothing left to train."""
-    n_settings = sweep.n_trials or prod(len(parameter.values) for parameter in sweep.parameters)
-    return sum(setting.is_closed for setting in settings(sweep, read_trials(sweep, folder))) >= n_settings
+    closed = {key(setting.params) for setting in settings(sweep, read_trials(sweep, folder)) if setting.is_closed}
+    if sweep.method == "bayes":
+        return len(closed) >= sweep.n_settings
+    return closed >= {key(setting) for setting in sweep.settings()}
 
 
 def claim(sweep: Sweep, folder: Path) -> None:
@@ -150,7 +175,7 @@ def claim(sweep: Sweep, folder: Path) -> None:
     text = yaml.safe_dump(sweep.plain(), sort_keys=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if file.is_file() and _fixed(file.read_text(encoding="utf-8")) != _fixed(text):
+        if file.is_file() and _fixed(_described(file)) != _fixed(yaml.safe_load(text)):
             raise ConfigError(
                 f"'{folder}' holds another sweep (see {SWEEP}), of which only {', '.join(MAY_CHANGE)} may change; "
                 "choose another log folder with -f, or another file name"
@@ -161,5 +186,16 @@ def claim(sweep: Sweep, folder: Path) -> None:
         raise ConfigError(f"cannot write to '{folder}' ({error.strerror}); choose a log folder with -f") from error
 
 
-def _fixed(text: str) -> dict[str, Any]:
-    return {key: value for key, value in yaml.safe_load(text).items() if key not in MAY_CHANGE}
+def _described(file: Path) -> Mapping[str, Any]:
+    """Return what a sweep's folder says of the sweep."""
+    content = read_yaml(file)
+    if not isinstance(content, Mapping):
+        raise ConfigError(
+            f"'{file}' does not say which sweep the folder holds: it is empty or damaged; delete that file if the runs "
+            "beside it are this sweep's, or choose another log folder with -f"
+        )
+    return content
+
+
+def _fixed(description: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in description.items() if name not in MAY_CHANGE}

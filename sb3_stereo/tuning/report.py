@@ -12,8 +12,8 @@ import yaml
 from sb3_stereo.config.schema import overridden
 from sb3_stereo.console import command_line
 from sb3_stereo.tuning.config import Sweep
-from sb3_stereo.tuning.parameters import Parameter
-from sb3_stereo.tuning.records import Setting, Trial, read_trials, settings
+from sb3_stereo.tuning.parameters import Choice, Parameter
+from sb3_stereo.tuning.records import Setting, Trial, read_folder, settings
 
 BEST, PICTURE, TABLE = "best.yml", "slices.png", "trials.csv"
 N_SHOWN = 10
@@ -26,12 +26,13 @@ def write_report(sweep: Sweep, folder: Path) -> str:
     Returns:
         What a person wants to see of it.
     """
-    trials = read_trials(sweep, folder)
+    trials, others = read_folder(sweep, folder)
     found = settings(sweep, trials)
+    left_out = [f"Left out: {other}" for other in others]
     if not found:
-        return "No trial has begun yet."
+        return "\n".join(["No trial has begun yet.", *left_out])
     write_trials(sweep, trials, folder / TABLE)
-    lines = [table(sweep, found), f"All {len(trials)} trials: {os.path.relpath(folder / TABLE)}"]
+    lines = [table(sweep, found), f"All {len(trials)} trials: {os.path.relpath(folder / TABLE)}", *left_out]
     if found[0].is_complete:
         write_best(sweep, found, folder / BEST)
         lines.append(f"The best setting: {os.path.relpath(folder / BEST)}")
@@ -120,10 +121,10 @@ def draw(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
             panel.scatter([at] * len(setting.trials), [trial.score for trial in setting.trials], s=8, color="0.6")
         panel.scatter(x, [setting.score for setting in found], s=36, color="0.3")
         panel.scatter(x[:1], [found[0].score], s=60, color="C3", zorder=3)
-        if parameter.values:
+        if isinstance(parameter, Choice):
             panel.set_xticks(range(len(parameter.values)), [shown(value) for value in parameter.values])
             panel.set_xlim(-0.5, len(parameter.values) - 0.5)
-        elif parameter.distribution == "log_uniform_values":
+        elif parameter.is_log:
             panel.set_xscale("log")
         panel.set_xlabel(parameter.name, fontsize="small")
         panel.set_axisbelow(True)
@@ -135,4 +136,4 @@ def draw(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
 
 def coordinates(parameter: Parameter, values: Sequence[Any]) -> list[float]:
     """Return where values stand on the axis: choices side by side in the order of the sweep's file."""
-    return [parameter.values.index(value) for value in values] if parameter.values else list(values)
+    return [parameter.values.index(value) for value in values] if isinstance(parameter, Choice) else list(values)

@@ -8,7 +8,7 @@ from typing import Any
 
 import optuna
 from ray.tune.schedulers import ASHAScheduler
-from ray.tune.search import BasicVariantGenerator, Repeater
+from ray.tune.search import Repeater
 from ray.tune.search.optuna import OptunaSearch
 from ray.tune.search.repeater import TRIAL_INDEX
 
@@ -18,8 +18,8 @@ from sb3_stereo.training.trainer import Options
 from sb3_stereo.tuning.config import Sweep
 from sb3_stereo.tuning.records import STOPPED, Setting, read_trials, settings, state
 from sb3_stereo.tuning.report import shown
-from sb3_stereo.tuning.space import optuna_space, tune_space
-from sb3_stereo.tuning.trials import Training, Watch, fit
+from sb3_stereo.tuning.space import optuna_space, point
+from sb3_stereo.tuning.trials import Training, Watch, fit, fit_listed
 
 TUNE_FOLDER = "tune"
 MODES = {"maximize": "max", "minimize": "min"}
@@ -48,14 +48,20 @@ class Job:
     command: tuple[str, ...] = ()
 
     def training(self, suggestion: Mapping[str, Any]) -> Training:
-        """Return one setting with one seed.
+        """Return the training that Optuna suggests.
 
         Args:
             suggestion: Values of the searched hyper-parameters by name, and the seed's index.
         """
         import_packages(self.gym_packages)  # the checks of the hyper-parameters ask the environment
-        params = {key: _plain(value) for key, value in suggestion.items() if key != TRIAL_INDEX}
-        seed = self.sweep.seeds[suggestion[TRIAL_INDEX]]
+        return self.trial(self.sweep.setting(suggestion), self.sweep.seeds[suggestion[TRIAL_INDEX]])
+
+    def listed(self) -> list[Training]:
+        """Return the trainings of grid and random: every setting with every seed."""
+        return [self.trial(setting, seed) for setting in self.sweep.settings() for seed in self.sweep.seeds]
+
+    def trial(self, params: Mapping[str, Any], seed: int) -> Training:
+        """Return one setting with one seed."""
         options = Options(
             seed=seed,
             log_folder=str(self.folder),
@@ -79,11 +85,6 @@ class Job:
         return f"{training.name}: {word} at step {step}, {metric} {result[metric]:.4g} ({run.name})"
 
 
-def _plain(value: Any) -> Any:
-    """Return NumPy's numbers, which samplers draw, as Python's."""
-    return value.item() if hasattr(value, "item") else value
-
-
 def optuna_search(sweep: Sweep, known: Sequence[Setting]) -> OptunaSearch:
     """Return Optuna's searcher, which knows the settings that are trained and begins with those that are not quite."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -93,34 +94,13 @@ def optuna_search(sweep: Sweep, known: Sequence[Setting]) -> OptunaSearch:
         optuna_space(sweep),
         metric=sweep.metric.name,
         mode=MODES[sweep.metric.goal],
-        points_to_evaluate=[dict(setting.params) for setting in known if not setting.is_closed],
+        points_to_evaluate=[point(sweep, setting.params) for setting in known if not setting.is_closed],
         seed=len(known),  # the same seed again would suggest the same settings again
     )
     for setting in known:
         if setting.is_closed:
-            search.add_evaluated_point(dict(setting.params), setting.score)
+            search.add_evaluated_point(point(sweep, setting.params), setting.score)
     return search
-
-
-def tuner_arguments(sweep: Sweep, folder: Path, workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arguments of Tune's `TuneConfig` that choose the settings, and its `param_space`.
-
-    Args:
-        sweep: The sweep.
-        folder: Its folder.
-        workers: Trials at a time; 0 leaves it to the resources.
-    """
-    if sweep.method != "bayes":
-        # Constant: a random setting is the same for all seeds. The fixed state draws the same settings in every call.
-        search = BasicVariantGenerator(max_concurrent=workers, constant_grid_search=True, random_state=0)
-        return {"search_alg": search, "num_samples": sweep.n_trials or 1}, tune_space(sweep)
-    known = settings(sweep, read_trials(sweep, folder))
-    n_seeds = len(sweep.seeds)
-    return {
-        "search_alg": Repeater(optuna_search(sweep, known), repeat=n_seeds),
-        "num_samples": (sweep.n_trials - sum(setting.is_closed for setting in known)) * n_seeds,
-        "max_concurrent_trials": workers or None,
-    }, {}
 
 
 def scheduler(sweep: Sweep) -> ASHAScheduler | None:
@@ -129,15 +109,36 @@ def scheduler(sweep: Sweep) -> ASHAScheduler | None:
     if early is None:
         return None
     return ASHAScheduler(
-        "timesteps", max_t=sweep.base.n_timesteps, grace_period=early.min_iter, reduction_factor=early.eta
+        early.unit,
+        max_t=early.last + 0.5,  # type: ignore[arg-type]  # a rung at the very end is one, whatever the rounding
+        grace_period=early.first,  # type: ignore[arg-type]
+        reduction_factor=early.eta,
+        stop_last_trials=False,  # beyond the last rung a trial ends by itself
     )
 
 
 def fit_sweep(job: Job, workers: int, verbose: int = 1) -> list[str]:
-    """Run all trials that are missing, on the Ray that is connected, and return what failed."""
-    sweep = job.sweep
-    chosen, param_space = tuner_arguments(sweep, job.folder, workers)
-    metric = {"metric": sweep.metric.name, "mode": MODES[sweep.metric.goal]}
-    tune_config = {**chosen, **metric, "scheduler": scheduler(sweep)}
+    """Run all trials that are missing, on the Ray that is connected, and return what failed.
+
+    Args:
+        job: The sweep and how its trials run.
+        workers: Trials at a time; 0 leaves it to the resources.
+        verbose: As in `Watch`.
+    """
+    sweep, folder = job.sweep, job.folder / TUNE_FOLDER
+    metric = {"metric": sweep.metric.name, "mode": MODES[sweep.metric.goal], "scheduler": scheduler(sweep)}
+    if sweep.method != "bayes":
+        return fit_listed(job.listed(), folder, workers, sweep.retries, job.ended, sweep.resources, metric, verbose)
+    chosen = {**metric, **bayes_arguments(sweep, job.folder), "max_concurrent_trials": workers or None}
     watch = Watch(job.training, job.ended, verbose)
-    return fit(watch, param_space, tune_config, job.folder / TUNE_FOLDER, sweep.resources, sweep.retries)
+    return fit(watch, {}, chosen, folder, sweep.resources, sweep.retries)
+
+
+def bayes_arguments(sweep: Sweep, folder: Path) -> dict[str, Any]:
+    """Return the arguments of Tune's `TuneConfig` that let Optuna choose the settings that are missing."""
+    known = settings(sweep, read_trials(sweep, folder))
+    n_seeds = len(sweep.seeds)
+    return {
+        "search_alg": Repeater(optuna_search(sweep, known), repeat=n_seeds),
+        "num_samples": (sweep.n_settings - sum(setting.is_closed for setting in known)) * n_seeds,
+    }

@@ -1,46 +1,36 @@
-"""A sweep's parameters as Tune's and as Optuna's search space."""
+"""A sweep's parameters as Optuna's search space."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
-from ray import tune
-from ray.tune.search.repeater import TRIAL_INDEX
 
 from sb3_stereo.tuning.config import Sweep
-from sb3_stereo.tuning.parameters import Parameter
-
-
-def domain(parameter: Parameter) -> Any:
-    """Return Tune's domain of a parameter."""
-    low, high = parameter.min, parameter.max
-    if parameter.distribution == "categorical":
-        return tune.choice(list(parameter.values))
-    if parameter.distribution == "int_uniform":
-        return tune.randint(int(low), int(high) + 1)  # Tune leaves the end out
-    if parameter.distribution == "q_uniform":
-        return tune.quniform(low, high, parameter.q)
-    return tune.loguniform(low, high) if parameter.distribution == "log_uniform_values" else tune.uniform(low, high)
+from sb3_stereo.tuning.parameters import Choice, Parameter
 
 
 def distribution(parameter: Parameter) -> BaseDistribution:
-    """Return Optuna's distribution of a parameter."""
-    low, high = parameter.min, parameter.max
-    if parameter.distribution == "categorical":
+    """Return Optuna's distribution of a parameter; what it draws is rounded to steps by `Sweep.setting`.
+
+    Optuna decides where to look, so of a normal distribution and of probabilities only the bounds and the values count.
+    """
+    if isinstance(parameter, Choice):
         return CategoricalDistribution(parameter.values)
     if parameter.distribution == "int_uniform":
-        return IntDistribution(int(low), int(high))
-    step = parameter.q if parameter.distribution == "q_uniform" else None
-    return FloatDistribution(low, high, log=parameter.distribution == "log_uniform_values", step=step)
-
-
-def tune_space(sweep: Sweep) -> dict[str, Any]:
-    """Return the space of grid and random: every setting with every seed's index."""
-    parameters = {
-        p.name: tune.grid_search(list(p.values)) if sweep.method == "grid" else domain(p) for p in sweep.parameters
-    }
-    return {**parameters, TRIAL_INDEX: tune.grid_search(list(range(len(sweep.seeds))))}
+        return IntDistribution(int(parameter.low), int(parameter.high))
+    return FloatDistribution(parameter.low, parameter.high, log=parameter.is_log)
 
 
 def optuna_space(sweep: Sweep) -> dict[str, BaseDistribution]:
     """Return the space of bayes, without the seeds: `Repeater` adds their index."""
     return {parameter.name: distribution(parameter) for parameter in sweep.parameters}
+
+
+def point(sweep: Sweep, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a setting as Optuna's parameters; a multiple of a step may lie a rounding error outside its bounds."""
+    return {p.name: params[p.name] if isinstance(p, Choice) else _inside(p, params[p.name]) for p in sweep.parameters}
+
+
+def _inside(parameter: Parameter, value: float) -> float:
+    assert not isinstance(parameter, Choice)
+    return min(max(value, parameter.low), parameter.high)

@@ -19,11 +19,13 @@ from ray.tune.search import BasicVariantGenerator
 from sb3_stereo import runtime
 from sb3_stereo.config.schema import Config
 from sb3_stereo.console import say
+from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs.directory import import_packages
 from sb3_stereo.training.trainer import Options, resume, train
 from sb3_stereo.tuning.cluster import check_resources
 from sb3_stereo.tuning.config import Metric, Resources
 from sb3_stereo.tuning.records import defined, find_trial, scores, state
+from sb3_stereo.tuning.stopping import SCORES, STEPS
 
 INDEX = "training"  # what Tune suggests where trainings are known beforehand
 
@@ -84,8 +86,10 @@ def continue_or_train(run: Path | None, training: Training) -> Path:
 
 def report(run: Path, step: int, metric: Metric) -> None:
     """Tell Tune the score at a step; here a trial ends if `early_terminate` stops it."""
-    score = defined(scores(run)[step][metric.score], metric)
-    tune.report({"run": str(run), "timesteps": step, metric.name: score})
+    by_step = scores(run)
+    score = defined(by_step[step][metric.score], metric)
+    n_scores = sum(earlier <= step for earlier in by_step)
+    tune.report({"run": str(run), STEPS: step, SCORES: n_scores, metric.name: score})
 
 
 @contextmanager
@@ -126,7 +130,10 @@ class Watch(tune.Callback):
         self.failures.append(f"{self._name(trial)}: {_reason(trial)}")
 
     def _name(self, trial: TuneTrial) -> str:
-        return self.make_training(trial.config).name
+        try:
+            return self.make_training(trial.config).name
+        except ConfigError:  # values that do not go together
+            return ", ".join(f"{key} {value}" for key, value in trial.config.items())
 
     def _say(self, line: str) -> None:
         if self.verbose:
@@ -177,20 +184,32 @@ def fit(
     return watch.failures
 
 
-def fit_listed(trainings: Sequence[Training], folder: Path, workers: int, retries: int, on_end: OnEnd) -> list[str]:
-    """Run trainings that are known beforehand, in their order, each on one core, and return what failed.
+def fit_listed(
+    trainings: Sequence[Training],
+    folder: Path,
+    workers: int,
+    retries: int,
+    on_end: OnEnd,
+    resources: Resources | None = None,
+    tune_config: Mapping[str, Any] | None = None,
+    verbose: int = 1,
+) -> list[str]:
+    """Run trainings that are known beforehand, in their order, and return what failed.
 
     Args:
         trainings: The trainings.
         folder: As in `fit`.
-        workers: Trainings at a time; 0 leaves it to the cores.
+        workers: Trainings at a time; 0 leaves it to the resources.
         retries: As in `fit`.
         on_end: As in `Watch`.
+        resources: What a training occupies; by default one core.
+        tune_config: Further arguments of Tune's `TuneConfig`.
+        verbose: As in `Watch`.
     """
-    watch = Watch(partial(_listed, trainings), on_end)
+    watch = Watch(partial(_listed, trainings), on_end, verbose)
     param_space = {INDEX: tune.grid_search(list(range(len(trainings))))}
-    tune_config = {"search_alg": BasicVariantGenerator(max_concurrent=workers)}
-    return fit(watch, param_space, tune_config, folder, Resources(), retries)
+    chosen = {"search_alg": BasicVariantGenerator(max_concurrent=workers), **(tune_config or {})}
+    return fit(watch, param_space, chosen, folder, resources or Resources(), retries)
 
 
 def _listed(trainings: Sequence[Training], suggestion: Mapping[str, Any]) -> Training:

@@ -47,18 +47,46 @@ def test_the_picture_is_drawn_also_where_nothing_was_reached(tmp_path: Path, suf
     assert file.stat().st_size > 5000
 
 
-def test_what_cannot_be_drawn_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    good, unscored = make_run(tmp_path, {10: 0.5}), make_run(tmp_path, {})
-    apart, broken = make_run(tmp_path, {20: 0.5}), make_run(tmp_path, {})
+def test_runs_without_a_step_in_common_have_a_curve_each(tmp_path: Path) -> None:
+    runs = [make_run(tmp_path, {10: 0.25}), make_run(tmp_path, {20: 0.75})]
+    assert [(group.label, group.timesteps.tolist()) for group in curves.group_runs(runs)] == [
+        ("ddpg, FakeReach-v0_1 (1 run)", [10]),
+        ("ddpg, FakeReach-v0_2 (1 run)", [20]),
+    ]
+
+
+def unreadable(tmp_path: Path) -> dict[Path, str]:
+    """Folders that cannot be drawn, and why."""
+    unscored, broken, cut, foreign = (make_run(tmp_path, {}), *(make_run(tmp_path, {10: 0.5}) for _ in range(3)))
     (broken / EVALUATIONS).write_text("timesteps,success_rate\nten,0.5\n")
+    (cut / EVALUATIONS).write_text((cut / EVALUATIONS).read_text()[:-4])
+    (foreign / "FakeReach-v0" / "args.yml").write_text("")
+    first = "the first comes at the first checkpoint of its training"
+    return {
+        unscored: f"'{unscored}' has no scores yet; {first}",
+        broken: f"cannot read the scores in '{broken / EVALUATIONS}' (ValueError)",
+        cut: f"'{cut}' has no scores yet; {first}",
+        foreign: f"'{foreign / 'FakeReach-v0'}' is not the record of a training (TypeError)",
+        tmp_path: f"'{tmp_path}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1",
+    }
+
+
+def test_what_can_be_drawn_is_drawn_and_the_rest_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    others, good, file = unreadable(tmp_path), make_run(tmp_path, {10: 0.5}), tmp_path / "curves.png"
+    assert plot.main([*map(str, others), str(good), str(good), "-o", str(file)]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"Drew ddpg (1 run) into {file}\n" and file.stat().st_size > 5000
+    assert err.splitlines() == [f"left out: {reason}" for reason in others.values()]
+
+
+def test_what_cannot_be_drawn_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    others, good = unreadable(tmp_path), make_run(tmp_path, {10: 0.5})
     nowhere = tmp_path / "no" / "such.png"
     for arguments, message in (
         ([good, "-o", "curves.gif"], "cannot draw 'curves.gif'; the name must end in .pdf, .png, .svg"),
-        ([tmp_path], f"'{tmp_path}' is not a run directory"),
-        ([unscored], f"cannot read the scores in '{unscored / EVALUATIONS}' (FileNotFoundError)"),
-        ([broken], f"cannot read the scores in '{broken / EVALUATIONS}' (ValueError)"),
-        ([good, apart], "the runs of 'ddpg' were scored at different steps; plot them one by one"),
-        ([good, "-o", nowhere], f"cannot write '{nowhere}' (No such file or directory)"),
+        *(([run], reason) for run, reason in others.items()),
+        ([*others], "; ".join(others.values())),
+        ([good, "-o", nowhere], f"cannot write '{nowhere}' (No such file or directory); choose another with -o"),
     ):
         assert plot.main([str(argument) for argument in arguments]) == 2
-        assert capsys.readouterr().err.startswith(f"error: {message}")
+        assert capsys.readouterr().err == f"error: {message}\n"

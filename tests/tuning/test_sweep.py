@@ -3,10 +3,11 @@
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import fake_reach
 import pytest
-from ray.tune.search.variant_generator import generate_variants
 from tiny_sweep import BASE, RANGES, load_cheap
 
 from sb3_stereo.commands import evaluate
@@ -16,9 +17,9 @@ from sb3_stereo.tuning import trials
 from sb3_stereo.tuning.config import Sweep
 from sb3_stereo.tuning.records import STOPPED, claim, find_trial, is_done, read_trials, settings
 from sb3_stereo.tuning.report import BEST, PICTURE, TABLE, write_report
-from sb3_stereo.tuning.search import Job, optuna_search, tuner_arguments
-from sb3_stereo.tuning.space import optuna_space, tune_space
-from sb3_stereo.tuning.trials import run_trial
+from sb3_stereo.tuning.search import Job, bayes_arguments, optuna_search
+from sb3_stereo.tuning.space import optuna_space
+from sb3_stereo.tuning.trials import Training, Watch, run_trial
 
 
 @pytest.fixture
@@ -40,8 +41,8 @@ def run_grid(found: Sweep, folder: Path) -> None:
         gym_packages=("fake_reach",),
         command=("python", "-m", "sb3_stereo", "sweep", "x.yml"),
     )
-    for _, spec in generate_variants({"config": tune_space(found)}):
-        run_trial(spec["config"], job.training)
+    for training in job.listed():
+        run_trial({}, lambda _, training=training: training)
 
 
 def test_a_trial_is_an_ordinary_run_and_is_trained_once(
@@ -84,6 +85,109 @@ def test_a_run_that_was_killed_while_it_was_made_is_nobodys(tmp_path: Path, logs
     assert find_trial(logs, found.base, 3) is None and read_trials(found, logs) == []
 
 
+def cut_last_row(run: Path, kept: int) -> None:
+    """Leave `kept` characters of the last row, as a kill while it is written does."""
+    text = (run / "evaluations.csv").read_bytes()
+    start = text.rstrip().rindex(b"\n") + 1
+    (run / "evaluations.csv").write_bytes(text[: start + kept])
+
+
+@pytest.mark.parametrize("kept", [1, 3, 6, 20, -3])
+def test_a_row_that_was_cut_off_is_no_end_of_a_trial_which_goes_on(
+    kept: int, tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    found = load_cheap(tmp_path, seeds=[3])
+    run_grid(found, logs)
+    whole = read_trials(found, logs)
+    run = whole[0].run
+    start = (run / "evaluations.csv").read_bytes().rstrip().rindex(b"\n") + 1
+    row = (run / "evaluations.csv").read_bytes()[start:]
+    cut_last_row(run, kept % len(row))
+    torn = read_trials(found, logs)[0]
+    assert (torn.state, torn.timesteps) == ("unfinished", 15) and abs(torn.score) != float("inf")
+    assert not is_done(found, logs)
+    run_grid(found, logs)
+    assert read_trials(found, logs) == whole and is_done(found, logs)
+
+
+@pytest.mark.parametrize("content", ["", "\0", "timesteps\nten\n", "a,b\n1,2\n", "timesteps,mean_steps_capped\n15,\n"])
+def test_a_trial_with_damaged_scores_is_trained_again(
+    content: str, tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    found = load_cheap(tmp_path, seeds=[3])
+    run_grid(found, logs)
+    whole = read_trials(found, logs)
+    (whole[1].run / "evaluations.csv").write_text(content)
+    assert [trial.state for trial in read_trials(found, logs)] == ["finished", "unfinished"]
+    assert "unfinished" in write_report(found, logs)
+    run_grid(found, logs)
+    assert read_trials(found, logs) == whole
+
+
+def test_a_run_that_is_no_trial_is_named_and_left_out(
+    tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    found = load_cheap(tmp_path, seeds=[3])
+    run_grid(found, logs)
+    ours = read_trials(found, logs)
+    strangers = {
+        2: ("args.yml", lambda text: text.replace("params:", "other:"), "not a trial of this sweep"),
+        3: ("args.yml", lambda text: text.replace("gamma: 0.5", "tau: 0.5"), "not a trial of this sweep"),
+        4: ("args.yml", lambda text: text.replace("seed: 3", "seed: three"), "not a trial of this sweep"),
+        5: ("config.yml", lambda text: text.replace("n_timesteps: 30", "n_timesteps: 40"), "a trial of another sweep"),
+        6: ("args.yml", lambda text: "", "is not the record of a training (TypeError)"),
+    }
+    for number, (name, damage, _) in strangers.items():
+        run = logs / "ddpg" / f"FakeReach-v0_{number + 1}"
+        shutil.copytree(ours[0].run, run)
+        file = run / "FakeReach-v0" / name
+        assert damage(file.read_text()) != file.read_text()
+        file.write_text(damage(file.read_text()))
+    assert read_trials(found, logs) == ours and is_done(found, logs)
+    lines = [line for line in write_report(found, logs).splitlines() if line.startswith("Left out: ")]
+    assert len(lines) == len(strangers)
+    for line, (number, (_, _, reason)) in zip(lines, strangers.items(), strict=True):
+        assert line.startswith(f"Left out: FakeReach-v0_{number + 1}: ") and line.endswith(reason)
+
+
+@pytest.mark.parametrize("content", ["", "- 1", "3", "# nothing"])
+def test_a_folder_that_does_not_say_which_sweep_it_holds_is_refused(content: str, tmp_path: Path, logs: Path) -> None:
+    claim(load_cheap(tmp_path), logs)
+    (logs / "sweep.yml").write_text(content)
+    with pytest.raises(ConfigError) as error:
+        claim(load_cheap(tmp_path), logs)
+    assert str(error.value) == (
+        f"'{logs / 'sweep.yml'}' does not say which sweep the folder holds: it is empty or damaged; delete that file "
+        "if the runs beside it are this sweep's, or choose another log folder with -f"
+    )
+    assert (logs / "sweep.yml").read_text() == content
+
+
+def test_a_trial_whose_values_do_not_go_together_fails_alone() -> None:
+    def refuses(config: dict[str, Any]) -> Training:
+        raise ConfigError("these do not go together")
+
+    watch = Watch(refuses, lambda training, result: "", verbose=0)
+    trial: Any = SimpleNamespace(config={"gamma": 0.5, "tau": 1}, error_file=None, num_failures=1)
+    watch.on_trial_recover(0, [], trial)
+    watch.on_trial_error(0, [], trial)
+    assert watch.failures == ["gamma 0.5, tau 1: the process died (all of it: .)"]
+
+
+def test_optuna_begins_with_the_setting_whose_step_lies_at_its_bounds(
+    tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+) -> None:
+    values = {"gamma": {"values": [0.3]}}
+    run_grid(load_cheap(tmp_path, seeds=[3], parameters=values), logs)
+    steps = {"gamma": {"distribution": "q_uniform", "min": 0.1, "max": 0.30000000000000004, "q": 0.1}}
+    steps["gamma"]["min"] = 0.1 + 0.2 - 0.2
+    found = load_cheap(tmp_path, seeds=[3], method="bayes", n_trials=2, parameters=steps)
+    known = settings(found, read_trials(found, logs))
+    assert [(setting.params, setting.is_closed) for setting in known] == [({"gamma": 0.3}, True)]
+    (done,) = optuna_search(found, known)._ot_study.get_trials()
+    assert done.value == known[0].score
+
+
 def test_optuna_knows_what_is_trained_and_begins_with_what_is_not_quite(
     tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
 ) -> None:
@@ -96,7 +200,7 @@ def test_optuna_knows_what_is_trained_and_begins_with_what_is_not_quite(
     (done,) = study.get_trials(states=[1])  # COMPLETE
     assert (done.params, done.value) == ({"gamma": 0.5}, known[0].score)
     assert study.ask(optuna_space(found)).params == {"gamma": 0.9}
-    assert tuner_arguments(found, logs, 0)[0]["num_samples"] == 3 * 2
+    assert bayes_arguments(found, logs)["num_samples"] == 3 * 2
 
 
 def test_the_report_ranks_settings_by_their_mean_over_seeds(
@@ -141,6 +245,6 @@ def test_a_folder_belongs_to_one_sweep_which_may_only_grow(tmp_path: Path, logs:
     with pytest.raises(ConfigError) as error:
         claim(load_cheap(tmp_path, n_timesteps=40), logs)
     assert str(error.value) == (
-        f"'{logs}' holds another sweep (see sweep.yml), of which only n_trials, resources, retries, seeds may change; "
-        "choose another log folder with -f, or another file name"
+        f"'{logs}' holds another sweep (see sweep.yml), of which only n_trials, resources, retries, run_cap, seeds "
+        "may change; choose another log folder with -f, or another file name"
     )

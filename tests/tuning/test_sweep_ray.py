@@ -1,5 +1,6 @@
 """Sweeps on a real Ray: trials that fail, a node that dies, a driver that is killed. Minutes on a busy machine."""
 
+import math
 import os
 import signal
 import subprocess
@@ -132,6 +133,23 @@ def test_asha_stops_bad_trials_which_are_not_repeated(session: Session) -> None:
     before = {trial.run: trial.timesteps for trial in session.trials()}
     assert session.run(**grid)[0] == 0
     assert before == {trial.run: trial.timesteps for trial in session.trials()}
+
+
+def test_a_file_for_wandb_is_swept_with_steps_hyperband_and_a_cap(session: Session) -> None:
+    wandb = {"program": "train.py", "project": "reach", "name": "first", "run_cap": 4, "method": "random"}
+    wandb["early_terminate"] = {"type": "hyperband", "min_iter": 1, "eta": 2}
+    wandb["parameters"] = {
+        "env_kwargs.tolerance": {"values": [0.9, 0.05], "probabilities": [0.5, 0.5]},
+        "batch_size": {"distribution": "q_log_uniform_values", "min": 3, "max": 9, "q": 2},
+        "learning_rate": {"distribution": "log_uniform", "min": -9, "max": -7},
+    }
+    status, out, err = session.run("--workers", "1", **wandb)
+    assert (status, err) == (0, "")
+    assert "Not used: name, program, project\n" in out
+    trials = session.trials()
+    assert len(trials) == 4 and {trial.state for trial in trials} <= {"finished", "stopped"}
+    assert {trial.params["batch_size"] for trial in trials} <= {4, 6, 8}
+    assert all(math.exp(-9) <= trial.params["learning_rate"] <= math.exp(-7) for trial in trials)
 
 
 LONG = {"method": "grid", "parameters": {"gamma": {"values": [0.1, 0.9]}}, "seeds": [0, 1], "n_timesteps": 600}
