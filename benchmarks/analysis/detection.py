@@ -4,12 +4,14 @@
 
 renders the 100 test poses, disturbs the frames and prints a Markdown table: how many pixels the centroids of
 `sb3_stereo.real_images.detection` move from the exact ones. With a model, also how often it reaches when it only sees
-such images.
+such images. A second table counts how the markers are found among the people and clothes of `benchmarks.analysis.people`.
 """
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import product
 from typing import Any
 
 import cv2
@@ -17,10 +19,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.analysis.people import BACKGROUNDS, COMPANY, Scene, draw_scene
 from sb3_stereo.building.factory import make_env
 from sb3_stereo.envs.markers import find_blobs
 from sb3_stereo.evaluation.protocol import evaluate, test_poses, test_starts
-from sb3_stereo.real_images.detection import find_markers, observe, white_balanced
+from sb3_stereo.real_images.detection import Detection, detect, observe
+from sb3_stereo.real_images.sources import fit
 from sb3_stereo.runs.directory import load_record, model_path
 from sb3_stereo.runs.models import load_model
 
@@ -55,6 +59,11 @@ def jpeg(image: Image, rng: np.random.Generator, quality: int) -> Image:
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR_RGB), np.uint8)
 
 
+def blur(image: Image, rng: np.random.Generator, sigma: float) -> Image:
+    """A lens out of focus: a Gaussian blur of `sigma` [px]."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.uint8)
+
+
 def clutter(image: Image, rng: np.random.Generator) -> Image:
     """Patches of muted colours in place of the white background, with a little white among them."""
     patches = rng.integers(90, 190, (12, 16, 3)).astype(np.uint8)
@@ -85,6 +94,19 @@ DISTURBANCES: Mapping[str, Disturbance] = {
     "webcam: warm, dim, shade, noise 8, JPEG 60": webcam,
 }
 
+TOLERANCE = 2.0  # [px] of a frame: a centroid further off than this is wrong
+PHOTOGRAPHS: Mapping[str, Disturbance] = {
+    "none": DISTURBANCES["none"],
+    "underexposed": partial(light, gains=(0.4, 0.4, 0.4)),
+    "overexposed": partial(light, gains=(1.4, 1.4, 1.4)),
+    "warm": partial(light, gains=(1, 0.85, 0.65)),
+    "cold": partial(light, gains=(0.75, 0.88, 1)),
+    "blur": partial(blur, sigma=2),
+    "JPEG": partial(jpeg, quality=30),
+    "noise": partial(noise, sigma=10),
+    "webcam": lambda image, rng: webcam(blur(image, rng, 1.5), rng),
+}
+
 
 class DisturbedViews(gym.ObservationWrapper[Any, Any, Any]):
     """What `play_images` would show a policy in place of the environment's own composite."""
@@ -96,7 +118,7 @@ class DisturbedViews(gym.ObservationWrapper[Any, Any, Any]):
     def observation(self, observation: Any) -> Any:
         """What the policy sees of the disturbed frames."""
         unwrapped: Any = self.unwrapped
-        return observe([white_balanced(self.disturb(frame, self.rng)) for frame in rendered(self)], unwrapped.composite)
+        return observe([self.disturb(frame, self.rng) for frame in rendered(self)], unwrapped.composite)
 
 
 def rendered(env: gym.Env[Any, Any]) -> list[Image]:
@@ -120,16 +142,55 @@ def found(frames: Sequence[Image], disturb: Disturbance) -> list[str]:
     """Cells of the table: how far the centroids move, and how many are missed or imagined."""
     rng = np.random.default_rng(0)
     exact = np.array([find_blobs(frame) for frame in frames])  # (n_frames, 2 markers, 2)
-    seen = np.array([find_markers(disturb(frame, rng)) for frame in frames])
+    detections = [detect(disturb(frame, rng)) for frame in frames]
+    seen = np.array([detection.markers for detection in detections])
+    undecided = np.array([[bool(places) for places in detection.undecided] for detection in detections])
     moved = np.linalg.norm(seen - exact, axis=2)
     moved = moved[np.isfinite(moved)]
     hidden, unseen = np.isnan(exact[:, :, 0]), np.isnan(seen[:, :, 0])
     cells = [f"{np.median(moved):.2f}", f"{np.percentile(moved, 95):.2f}", f"{moved.max():.2f}"]
     return [
         *cells,
-        f"{np.sum(unseen & ~hidden)} of {np.sum(~hidden)}",
+        f"{np.sum(unseen & ~undecided & ~hidden)} of {np.sum(~hidden)}",
+        f"{np.sum(undecided)}",
         f"{np.sum(~unseen & hidden)} of {np.sum(hidden)}",
     ]
+
+
+def photographs(
+    company: str, n_scenes: int, visible: tuple[bool, bool] = (True, True)
+) -> Iterator[tuple[Image, Scene]]:
+    """Scenes with and without a bar in front of the markers on every background, each disturbed in every way."""
+    for background, covered, number in product(BACKGROUNDS, (0.0, 0.4), range(n_scenes)):
+        rng = np.random.default_rng([*company.encode(), BACKGROUNDS.index(background), round(10 * covered), number])
+        scene = draw_scene(company, background, rng, covered, visible)
+        for disturb in PHOTOGRAPHS.values():
+            yield fit(disturb(scene.image, rng), 320, 240), scene
+
+
+def verdicts(found: Detection, scene: Scene) -> list[str]:
+    """For both markers "right", "wrong", "undecided" or "missed"; a hidden marker that is not found is right."""
+    words = []
+    for seen, places, exact in zip(found.markers, found.undecided, scene.markers, strict=True):
+        if places:
+            words.append("undecided")
+        elif np.isnan(seen).any():
+            words.append("right" if np.isnan(exact).any() else "missed")
+        else:
+            words.append("right" if np.linalg.norm(seen - exact) <= TOLERANCE else "wrong")
+    return words
+
+
+def among_people(company: str, n_scenes: int, find: Callable[[Image], Detection] = detect) -> list[str]:
+    """Cells of the second table: what becomes of visible markers, then of hidden ones."""
+    cells = []
+    for visible in ((True, True), (False, False)):
+        seen = Counter(
+            word for image, scene in photographs(company, n_scenes, visible) for word in verdicts(find(image), scene)
+        )
+        words = ("right", "undecided", "missed", "wrong") if visible[0] else ("right", "undecided", "wrong")
+        cells += [str(seen[word]) for word in words]
+    return cells
 
 
 def reached(run: str, disturb: Disturbance, n_poses: int) -> list[str]:
@@ -148,14 +209,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--model", metavar="RUN", help="also play this run's best model")
     parser.add_argument("--poses", type=int, default=100, help="test poses that it starts from (default: 100)")
+    parser.add_argument("--scenes", type=int, default=4, help="drawn per row and background (default: 4)")
     args = parser.parse_args(argv)
     frames = pose_frames()
-    head = ["disturbance", "moved, median px", "95 %", "most", "missed", "imagined"]
+    head = ["disturbance", "moved, median px", "95 %", "most", "missed", "undecided", "imagined"]
     head += ["reached, %", "steps, failures as 30"] if args.model else []
     print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
     for name, disturb in DISTURBANCES.items():
         cells = found(frames, disturb) + (reached(args.model, disturb, args.poses) if args.model else [])
         print(f"| {' | '.join([name, *cells])} |", flush=True)
+    head = ["in view", "right", "undecided", "missed", "wrong", "not there: right", "undecided", "wrong"]
+    print(f"\n| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for company in COMPANY:
+        print(f"| {' | '.join([company, *among_people(company, args.scenes)])} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,19 +6,14 @@ import sys
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import cv2
+from typing import Any
 
 from sb3_stereo import runtime
 from sb3_stereo.commands.flags import Parser, add_model_flags, add_process_flags, check_device, run_command
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.real_images.player import Player, drawn, plain, told
-from sb3_stereo.real_images.sources import image_sets
-
-if TYPE_CHECKING:
-    pass
+from sb3_stereo.real_images.sources import image_sets, make_folder, write_image
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -68,12 +63,12 @@ def play_images_command(args: argparse.Namespace) -> int:
             f"the agent sees {len(names)} views ({', '.join(names)}), got {len(args.sources)}; give one each"
         )
     if args.draw:
-        args.draw.mkdir(parents=True, exist_ok=True)
+        make_folder(args.draw)
     for number, moment in enumerate(islice(images, args.n), 1):
         answer = player.answer(moment)
         print(json.dumps(plain(answer)) if args.json else told(answer, player.rho), flush=True)
         if args.draw:
-            cv2.imwrite(str(args.draw / f"{number:04}.png"), drawn(answer, player.rho)[:, :, ::-1])
+            write_image(args.draw / f"{number:04}.png", drawn(answer, player.rho))
     return 0
 
 

@@ -1,6 +1,9 @@
 """Ordinary images: the markers are found in any light, and the agent answers as it does on rendered frames."""
 
 import json
+import os
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +18,9 @@ from sb3_stereo.commands import play_images
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.composite import Composite
 from sb3_stereo.envs.markers import find_blobs
+from sb3_stereo.errors import ConfigError, one_line
 from sb3_stereo.real_images.detection import find_markers, observe, white_balanced
-from sb3_stereo.real_images.sources import fit
+from sb3_stereo.real_images.sources import fit, read_image
 from sb3_stereo.runs.directory import load_record
 from sb3_stereo.runs.models import load_model
 
@@ -31,6 +35,7 @@ def frames() -> list[Any]:
 # Bounds for the centroids' median and 95th percentile [px], well above what was measured.
 BOUNDS = {
     "cluttered background": (0.4, 6.0),
+    "JPEG, quality 50": (0.4, 1.2),
     "JPEG, quality 20": (0.7, 1.6),
     "webcam: warm, dim, shade, noise 8, JPEG 60": (0.8, 2.0),
 }
@@ -42,7 +47,9 @@ def test_the_centroids_hardly_move_in_any_light(name: str, frames: list[Any]) ->
     exact = np.array([find_blobs(frame) for frame in frames])
     seen = np.array([find_markers(DISTURBANCES[name](frame, rng)) for frame in frames])
     moved = np.linalg.norm(seen - exact, axis=2)
-    assert np.isnan(moved).mean() < 0.06  # nearly hidden markers
+    assert np.isnan(moved).mean() < (
+        0.15 if name in BOUNDS else 0.06
+    )  # nearly hidden ones, and undecided if washed out
     median, most = BOUNDS.get(name, (0.4, 1.2))
     assert np.nanmedian(moved) < median and np.nanpercentile(moved, 95) < most
 
@@ -135,10 +142,78 @@ def test_the_efforts_are_those_of_the_agent_in_newton_metres(
     assert lines[4].startswith(f"  efforts: J1 {torques[0]:+.1f} N m (")
 
 
+def test_where_a_marker_is_undecided_both_places_are_named_and_no_efforts_given(
+    run: Path, frames: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    left = np.full((480, 640, 3), 255, np.uint8)
+    for centre, colour in (((100, 100), (220, 0, 0)), ((400, 300), (220, 0, 0)), ((250, 400), (0, 0, 220))):
+        cv2.circle(left, centre, 18, colour, cv2.FILLED)
+    pair = [str(tmp_path / "left.png"), str(tmp_path / "right.png")]
+    for path, image in zip(pair, (left, frames[1]), strict=True):
+        cv2.imwrite(path, image[:, :, ::-1])
+    flags = ["--model", str(run), "--num-threads", "1", "--device", "cpu"]
+    assert play_images.main([*pair, *flags, "--draw", str(tmp_path / "drawn")]) == 0
+    lines = capsys.readouterr().out.splitlines()[-5:]
+    assert lines[1] == "  left    end effector undecided, target (124.7, 199.7)"
+    assert lines[3:] == [
+        "  mean distance unknown: a marker is undecided",
+        "  no efforts: the end effector in left may be at (49.8, 49.8) or at (199.8, 149.8); "
+        "take away or cover what is not the marker, or give more light",
+    ]
+    assert play_images.main([*pair, *flags, "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert answer["efforts"] is None and answer["views"]["left"]["end_effector"] is None
+    assert answer["undecided"] == {"left": {"end_effector": [[49.75, 49.75], [199.75, 149.75]]}}
+
+
+def png(width: int, height: int) -> bytes:
+    """A file whose header claims a size, with a few pixels."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    pixels = zlib.compress(bytes(100))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+def bmp(width: int, height: int) -> bytes:
+    """As `png`."""
+    return b"BM" + struct.pack("<IHHIIiiHHIIiiII", 54, 0, 0, 54, 40, width, height, 1, 24, 0, 0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("size", [100_000, 30_000, 12_000])
+@pytest.mark.parametrize("header", [png, bmp])
+def test_an_image_that_claims_to_be_huge_is_refused_before_anything_is_allocated(
+    header: Any, size: int, tmp_path: Path
+) -> None:
+    (tmp_path / "huge.png").write_bytes(header(size, size))
+    with pytest.raises(ConfigError) as refused:
+        read_image(tmp_path / "huge.png")
+    assert (
+        str(refused.value) == f"'{tmp_path / 'huge.png'}' claims to have more than 89 million pixels; make it smaller"
+    )
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".tif", ".webp"])
+def test_an_image_that_is_cut_off_is_refused_and_a_whole_one_read_whatever_its_name(
+    suffix: str, frames: list[Any], tmp_path: Path
+) -> None:
+    data = cv2.imencode(suffix, frames[0][:, :, ::-1])[1].tobytes()
+    whole = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe" + suffix.encode()))
+    whole.write_bytes(data)
+    assert np.abs(read_image(whole).astype(int) - frames[0]).mean() < 3
+    for length in (0, 20, len(data) // 2):
+        (tmp_path / f"cut{suffix}").write_bytes(data[:length])
+        with pytest.raises(ConfigError):
+            read_image(tmp_path / f"cut{suffix}")
+
+
 def test_what_is_no_image_is_one_sentence(
     run: Path, folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "empty").mkdir()
+    (tmp_path / "odd" / "folder.png").mkdir(parents=True)
     (tmp_path / "text.png").write_text("no image")
     left, right = folders
     (Path(right) / "2.png").unlink()
@@ -148,6 +223,12 @@ def test_what_is_no_image_is_one_sentence(
             f"the views have different numbers of images: 3 in '{left}', 2 in '{right}'; give one per view and moment",
         ),
         ([left, "nowhere"], "no image or folder 'nowhere'; give a file, a folder or a camera's index such as 0"),
+        (
+            ["9" * 30, right],
+            f"camera {'9' * 30} cannot be opened; give the index of one that is connected and not in use",
+        ),
+        ([left, "x" * 5000], f"'{'x' * 5000}' cannot be read: File name too long"),
+        ([str(tmp_path / "odd")] * 2, f"'{tmp_path / 'odd' / 'folder.png'}' is not a file"),
         ([str(tmp_path / "text.png")] * 2, f"'{tmp_path / 'text.png'}' is not an image that OpenCV reads"),
         ([left], "the agent sees 2 views (left, right), got 1; give one each"),
         (
@@ -156,4 +237,4 @@ def test_what_is_no_image_is_one_sentence(
         ),
     ):
         assert play_images.main([*sources, "--model", str(run), "--num-threads", "1"]) == 2
-        assert capsys.readouterr().err.endswith(f"error: {message}\n")
+        assert capsys.readouterr().err.endswith(f"error: {one_line(message)}\n")
