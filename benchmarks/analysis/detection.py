@@ -4,7 +4,7 @@
 
 renders the 100 test poses, disturbs the frames and prints a Markdown table: how many pixels the centroids of
 `sb3_stereo.real_images.detection` move from the exact ones. With a model, also how often it reaches when it only sees
-such images. A second table counts how the markers are found among the people and clothes of `benchmarks.analysis.people`.
+such images. A second table counts how the markers are found among the people of `benchmarks.analysis.people`.
 """
 
 import argparse

@@ -22,13 +22,8 @@ HUE_TOLERANCE = 18  # OpenCV's half degrees; noise and JPEG move a pixel's hue, 
 MIN_LEAD = 40  # of 255, of a marker's own channel over the next strongest one: a smaller lead is mostly noise
 MIN_PURITY = 0.35  # lead / own channel: most skin has less, a marker 0.4 to 1
 CORE = 0.5  # of the blob's strongest lead: a marker's shaded side has more, a reflection or skin at its rim less
-TYPICAL_PIXELS = (
-    10,
-    1000,
-)  # a marker covers 4 to 120 in a rendered frame and 300 in our drawn ones; clothes cover more
-MIN_SCORE = (
-    0.31  # of a marker that is certain; `benchmarks.analysis.detection` counts what this and the next number cost
-)
+TYPICAL_PIXELS = (10, 1000)  # a marker covers 4 to 120 in a rendered frame; clothes cover more
+MIN_SCORE = 0.31  # of a marker that is certain; `benchmarks.analysis.detection` counts what that costs
 CLOSE = 0.6  # of the best score: two candidates closer than that are not told apart
 DENOISING = 5  # [px], of the median filter before the composite; rendered frames hardly change by it
 WHITE_SHARE = 0.02  # of the pixels are at least as bright as what counts as white

@@ -111,6 +111,7 @@ def _read_bytes(file: Path) -> bytes:
 def _check(data: bytes) -> None:
     """Raise Pillow's error if an image is too large or cut off, which OpenCV would fill with grey in silence."""
     with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # odd metadata do not matter
         warnings.simplefilter("error", DecompressionBombWarning)
         with PIL.Image.open(BytesIO(data)) as image:
             image.load()

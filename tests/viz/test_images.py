@@ -157,7 +157,7 @@ def test_where_a_marker_is_undecided_both_places_are_named_and_no_efforts_given(
     assert lines[1] == "  left    end effector undecided, target (124.7, 199.7)"
     assert lines[3:] == [
         "  mean distance unknown: a marker is undecided",
-        "  no efforts: the end effector in left may be at (49.8, 49.8) or at (199.8, 149.8); "
+        "  no efforts: the end effector in left may be at (49.7, 49.7) or at (199.7, 149.7); "
         "take away or cover what is not the marker, or give more light",
     ]
     assert play_images.main([*pair, *flags, "--json"]) == 0
