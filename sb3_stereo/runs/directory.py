@@ -122,14 +122,27 @@ def load_record(run: str | Path) -> tuple[Config, dict[str, Any]]:
     """
     file = _arguments_file(run)
     try:
-        args = yaml.safe_load(file.read_text(encoding="utf-8"))
-        config = yaml.safe_load((file.parent / "config.yml").read_text(encoding="utf-8"))
-        algo, env_id = args["algo"], args["env"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        args, config = _read_map(file), _read_map(file.parent / "config.yml")
+        algo, env_id, packages = args["algo"], args["env"], args.get("gym_packages") or []
+        if not all(isinstance(name, str) for name in (algo, env_id, *packages)):
+            raise TypeError("names are texts")
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"'{file.parent}' is not the record of a training ({type(error).__name__})") from error
-    import_packages(args.get("gym_packages") or ())
+    import_packages(packages)
     check_env_id(env_id)
     return parse_config(algo, env_id, config), args
+
+
+def _read_map(file: Path) -> dict[str, Any]:
+    """Return the map in a YAML file.
+
+    Raises:
+        OSError, yaml.YAMLError, TypeError, ValueError: If there is none.
+    """
+    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
+        raise TypeError(f"not a map: {type(content).__name__}")
+    return content
 
 
 def _arguments_file(run: str | Path) -> Path:

@@ -119,7 +119,7 @@ def parse_early_terminate(
     if "type" not in given:
         raise ConfigError("early_terminate lacks 'type'; add it")
     kind = given["type"]
-    if kind not in TYPES:
+    if str(kind) not in TYPES:
         raise unknown("early_terminate type", kind, TYPES)
     without_effect = {"strict"} | ({"s"} if "max_iter" not in given else set())
     unused += [f"early_terminate.{key}" for key in given if kind == "hyperband" and key in without_effect]

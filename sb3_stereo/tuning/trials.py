@@ -20,7 +20,7 @@ from sb3_stereo import runtime
 from sb3_stereo.config.schema import Config
 from sb3_stereo.console import say
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.runs.directory import import_packages
+from sb3_stereo.runs.directory import has_ended, import_packages, make_numbered
 from sb3_stereo.training.trainer import Options, resume, train
 from sb3_stereo.tuning.cluster import check_resources
 from sb3_stereo.tuning.config import Metric, Resources
@@ -74,11 +74,17 @@ def run_trial(suggestion: dict[str, Any], make_training: MakeTraining) -> None:
 
 
 def continue_or_train(run: Path | None, training: Training) -> Path:
-    """Train to the end and return the run; an interrupted one goes on from its last checkpoint."""
+    """Train to the end and return the run; an interrupted one goes on from its last checkpoint.
+
+    A run that has ended, but lost its last scores since, is put aside and trained anew.
+    """
 
     def on_score(run: Path) -> None:
         report(run, max(scores(run)), training.metric)
 
+    if run is not None and has_ended(run, training.config):
+        run.rename(make_numbered(run.parent, f"{run.name}.damaged"))
+        run = None
     if run is not None:
         return resume(run, verbose=0, on_score=on_score).run
     return train(training.config, training.options, training.record, on_score).run

@@ -15,7 +15,7 @@ from sb3_stereo.config.schema import load_config, overridden
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.tuning import trials
 from sb3_stereo.tuning.config import Sweep
-from sb3_stereo.tuning.records import STOPPED, claim, find_trial, is_done, read_trials, settings
+from sb3_stereo.tuning.records import STOPPED, Trial, claim, find_trial, is_done, read_trials, settings
 from sb3_stereo.tuning.report import BEST, PICTURE, TABLE, write_report
 from sb3_stereo.tuning.search import Job, bayes_arguments, optuna_search
 from sb3_stereo.tuning.space import optuna_space
@@ -85,43 +85,44 @@ def test_a_run_that_was_killed_while_it_was_made_is_nobodys(tmp_path: Path, logs
     assert find_trial(logs, found.base, 3) is None and read_trials(found, logs) == []
 
 
-def cut_last_row(run: Path, kept: int) -> None:
-    """Leave `kept` characters of the last row, as a kill while it is written does."""
-    text = (run / "evaluations.csv").read_bytes()
-    start = text.rstrip().rindex(b"\n") + 1
-    (run / "evaluations.csv").write_bytes(text[: start + kept])
+def outcomes(trials: list[Trial]) -> dict[str, tuple[str, int, float]]:
+    return {str(trial.params): (trial.state, trial.timesteps, trial.score) for trial in trials}
 
 
-@pytest.mark.parametrize("kept", [1, 3, 6, 20, -3])
+@pytest.mark.parametrize("says_ended", [False, True])
 def test_a_row_that_was_cut_off_is_no_end_of_a_trial_which_goes_on(
-    kept: int, tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
+    says_ended: bool,
+    tmp_path: Path,
+    logs: Path,
+    reports: list[tuple[str, int]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    found = load_cheap(tmp_path, seeds=[3])
+    found = load_cheap(tmp_path, seeds=[3], parameters={"gamma": {"values": [0.5]}})
     run_grid(found, logs)
-    whole = read_trials(found, logs)
-    run = whole[0].run
-    start = (run / "evaluations.csv").read_bytes().rstrip().rindex(b"\n") + 1
-    row = (run / "evaluations.csv").read_bytes()[start:]
-    cut_last_row(run, kept % len(row))
-    torn = read_trials(found, logs)[0]
-    assert (torn.state, torn.timesteps) == ("unfinished", 15) and abs(torn.score) != float("inf")
-    assert not is_done(found, logs)
+    (whole,) = read_trials(found, logs)
+    text = (whole.run / "evaluations.csv").read_bytes()
+    start = text.rstrip().rindex(b"\n") + 1
+    for end in (*range(start + 1, len(text) - 2, 9), len(text) - 3):
+        (whole.run / "evaluations.csv").write_bytes(text[:end])
+        (torn,) = read_trials(found, logs)
+        assert (torn.state, torn.timesteps) == ("unfinished", 15) and abs(torn.score) != float("inf")
+        assert not is_done(found, logs)
+    if says_ended:  # what a run's other records say of its end counts less than its scores
+        monkeypatch.setattr(trials, "has_ended", lambda run, config: True)
     run_grid(found, logs)
-    assert read_trials(found, logs) == whole and is_done(found, logs)
+    assert outcomes(read_trials(found, logs)) == outcomes([whole]) and is_done(found, logs)
+    assert (logs / "ddpg" / "FakeReach-v0_1.damaged_1" / "evaluations.csv").is_file() == says_ended
 
 
 @pytest.mark.parametrize("content", ["", "\0", "timesteps\nten\n", "a,b\n1,2\n", "timesteps,mean_steps_capped\n15,\n"])
-def test_a_trial_with_damaged_scores_is_trained_again(
+def test_scores_that_are_damaged_are_those_of_no_finished_trial(
     content: str, tmp_path: Path, logs: Path, reports: list[tuple[str, int]]
 ) -> None:
     found = load_cheap(tmp_path, seeds=[3])
     run_grid(found, logs)
-    whole = read_trials(found, logs)
-    (whole[1].run / "evaluations.csv").write_text(content)
+    (read_trials(found, logs)[1].run / "evaluations.csv").write_text(content)
     assert [trial.state for trial in read_trials(found, logs)] == ["finished", "unfinished"]
     assert "unfinished" in write_report(found, logs)
-    run_grid(found, logs)
-    assert read_trials(found, logs) == whole
 
 
 def test_a_run_that_is_no_trial_is_named_and_left_out(
@@ -136,13 +137,16 @@ def test_a_run_that_is_no_trial_is_named_and_left_out(
         4: ("args.yml", lambda text: text.replace("seed: 3", "seed: three"), "not a trial of this sweep"),
         5: ("config.yml", lambda text: text.replace("n_timesteps: 30", "n_timesteps: 40"), "a trial of another sweep"),
         6: ("args.yml", lambda text: "", "is not the record of a training (TypeError)"),
+        7: ("config.yml", lambda text: "", "is not the record of a training (TypeError)"),
+        8: ("config.yml", lambda text: "\udcff", "is not the record of a training (UnicodeDecodeError)"),
+        9: ("args.yml", lambda text: text.replace("env: FakeReach-v0", "env: [1]"), "a training (TypeError)"),
     }
     for number, (name, damage, _) in strangers.items():
         run = logs / "ddpg" / f"FakeReach-v0_{number + 1}"
         shutil.copytree(ours[0].run, run)
         file = run / "FakeReach-v0" / name
         assert damage(file.read_text()) != file.read_text()
-        file.write_text(damage(file.read_text()))
+        file.write_text(damage(file.read_text()), errors="surrogateescape")
     assert read_trials(found, logs) == ours and is_done(found, logs)
     lines = [line for line in write_report(found, logs).splitlines() if line.startswith("Left out: ")]
     assert len(lines) == len(strangers)

@@ -3,17 +3,20 @@
 import math
 from collections import Counter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import optuna
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tiny_sweep import BASE, load
 
 from sb3_stereo.config.schema import Config, load_config, overridden
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.tuning.config import load_sweep
 from sb3_stereo.tuning.parameters import Choice, Parameter, Range, check_examples
 from sb3_stereo.tuning.settings import listed_settings
 from sb3_stereo.tuning.space import distribution
@@ -338,3 +341,51 @@ def test_hyperband_counts_scores_as_wandb_does(tmp_path: Path) -> None:
     assert rungs(min_iter=3, max_iter=12) == EarlyTerminate(SCORES, 3, 12, 3.0)
     assert rungs(min_iter=2, max_iter=27, s=5) == EarlyTerminate(SCORES, 3, 9, 3.0)
     assert rungs(max_iter=27, s=9, eta=2, strict=True) == EarlyTerminate(SCORES, 27 / 16, 27 / 2, 2.0)
+
+
+JUNK: list[Any] = [
+    None,
+    True,
+    0,
+    -1,
+    1.5,
+    float("nan"),
+    10**400,
+    "",
+    "x",
+    [],
+    [[1]],
+    {},
+    {"type": 1},
+    {1: 2},
+    {None: 1},
+]
+PLACES = [
+    (key,) for key in (*BASE, "algo", "conf_file", "n_trials", "run_cap", "early_terminate", "resources", 1, None)
+]
+METRIC: Any = BASE["metric"]
+PLACES += [("metric", key) for key in ("name", "goal", "target", 1)]
+PLACES += [("resources", key) for key in ("cpu", "gpu", None)]
+PLACES += [("early_terminate", key) for key in ("type", "min_iter", "max_iter", "s", "eta", "strict", 1)]
+PLACES += [("parameters", key) for key in ("", ".", "gamma", "gamma.x", "callback", "policy_kwargs.", None, 1)]
+KEYS = ("value", "values", "min", "max", "q", "mu", "sigma", "probabilities", "distribution", "parameters", 1, None)
+PLACES += [("parameters", "gamma", key) for key in KEYS]
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(PLACES), st.sampled_from(JUNK), st.sampled_from(["grid", "random", "bayes"]))
+def test_whatever_stands_in_a_file_is_a_sweep_or_one_sentence(place: tuple[Any, ...], junk: Any, method: str) -> None:
+    content: dict[Any, Any] = {**BASE, "metric": {**METRIC}, "method": method, "run_cap": 4, "seeds": [3]}
+    content["early_terminate"] = {"type": "hyperband", "min_iter": 1}
+    content["parameters"] = {"gamma": {"distribution": "q_uniform", "min": 0.1, "max": 0.9, "q": 0.1}}
+    inner = content
+    for key in place[:-1]:
+        inner = inner.setdefault(key, {})
+    inner[place[-1]] = junk
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "tiny.yml"
+        file.write_text(yaml.safe_dump(content))
+        try:
+            load_sweep(file).plain()
+        except ConfigError as error:
+            assert str(error) and "\n" not in str(error)
