@@ -8,7 +8,9 @@ directly: 0 is one action whatever is seen. Writes a line of `benchmarks/results
 """
 
 import argparse
+import json
 import sys
+import zipfile
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -92,6 +94,12 @@ def efforts_of(env: gym.Env[Any, Any], action: Any) -> Floats:
     return np.clip(np.asarray(action, np.float64), -1.0, 1.0)
 
 
+def trained_steps(path: Path) -> int:
+    """Environment steps that a saved model was trained for."""
+    with zipfile.ZipFile(path) as archive:
+        return int(json.loads(archive.read("data"))["num_timesteps"])
+
+
 def looks_record() -> Path:
     """The file with a line per agent."""
     return benchmarks.RESULTS / "looks.csv"
@@ -104,11 +112,12 @@ def looks_command(args: argparse.Namespace) -> int:
     model = load_model(config, path)
     with closing(make_env(config.env_id, config.env_kwargs, config.env_wrapper)()) as env:
         scores = look(model, env, test_starts(config.env_id, config.env_kwargs))
-    key = {"row": args.name, "seed": str(arguments["seed"]), "timesteps": str(model.num_timesteps)}
+    key = {"row": args.name, "seed": str(arguments["seed"]), "timesteps": str(trained_steps(path))}
     line: Line = key | {name: f"{value:.6g}" for name, value in scores.items()}
     others = [known for known in read_lines(looks_record()) if any(known[name] != value for name, value in key.items())]
-    write_lines(looks_record(), sorted([*others, line], key=lambda known: (known["row"], known["seed"])))
-    say(f"{args.name}: {line}")
+    lines = sorted([*others, line], key=lambda known: (known["row"], int(known["seed"]), int(known["timesteps"])))
+    write_lines(looks_record(), lines)
+    say(", ".join(f"{name} {value}" for name, value in line.items()))
     return 0
 
 

@@ -11,6 +11,7 @@ from benchmarks.tables.readings import READINGS
 from benchmarks.tables.row_tables import PUBLISHED, by_checkpoint, line_of, mean, table, with_interval
 from sb3_stereo.evaluation.intervals import Floats, interval
 
+READINGS_PICTURE = "readings.svg"
 TEXT = """The paper's settings to the letter (Tables 1 and 2), on tasks that its text allows as well as the default one.
 Nothing here says what its authors did: only under which readings numbers like theirs appear.
 """
@@ -26,7 +27,8 @@ def reading_sections(rows: Iterable[Row]) -> list[str]:
             sections.append(
                 f"### Reading: {reading.title}\n\n{reading.text}\n\n{matches(chosen)}{table(chosen, level=4)}"
             )
-    return [f"## Other readings of the paper\n\n{TEXT}", *sections, *looks_table()] if sections else []
+    picture = f"![Success under the readings]({READINGS_PICTURE})\n"
+    return [f"## Other readings of the paper\n\n{TEXT}", picture, *sections, *looks_table()] if sections else []
 
 
 def matches(rows: Sequence[Row]) -> str:

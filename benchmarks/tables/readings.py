@@ -20,12 +20,14 @@ class Reading:
     Attributes:
         task: The environment.
         title: Of its section.
+        short: Of its panel in the picture.
         text: Which sentence is read how.
         flags: Of `train.py`, the task's `--env-kwargs`.
     """
 
     task: Task
     title: str
+    short: str
     text: str
     flags: tuple[str, ...]
 
@@ -54,6 +56,7 @@ READINGS = (
     Reading(
         _TASKS["observation"],
         "ρ = 10 px in the 84×42 views",
+        "ρ = 10 px of 84×42",
         "“320×240 RGB images captured by the cameras are resized to 84×42” (section 3.2), read before “we detect these "
         "color blobs from the images” (3.3): ρ counts in pixels of the resized views. All else is the default's, also "
         "the reward but for its goal.",
@@ -62,6 +65,7 @@ READINGS = (
     Reading(
         _TASKS["long_pulses"],
         "Pulses of 1.5 s and a target where a full constant effort ends",
+        "pulses of 1.5 s, another target",
         "“Continuous efforts applied at each joint” (section 3.1) names no duration, and the place of the target is "
         "not given: pulses of 1.5 s, target at (0.634, 0.421, 0.227) m, ρ = 10 px of the cameras' frames.",
         ("pulse_duration:1.5", "target_position:[0.634,0.421,0.227]"),

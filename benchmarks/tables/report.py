@@ -9,7 +9,8 @@ from scipy.stats import bootstrap
 
 import benchmarks
 from benchmarks.tables.cells import Row, read
-from benchmarks.tables.reading_tables import reading_sections
+from benchmarks.tables.reading_curves import draw_readings
+from benchmarks.tables.reading_tables import READINGS_PICTURE, reading_sections
 from benchmarks.tables.readings import READING_ROWS
 from benchmarks.tables.row_tables import baseline_table, by_checkpoint, line_of, matrix, n_seeds, table
 from sb3_stereo.evaluation.intervals import Floats, interquartile_mean, interval
@@ -39,6 +40,8 @@ def write_report(rows: Sequence[Row], folder: Path) -> Path:
             draw(chosen, folder / picture, title)
             parts.append(f"## {title}\n\n![Success over environment steps]({picture})\n\n{table(chosen)}")
     parts += [*comparison(rows), *reading_sections(rows)]
+    if any(read(row.record) for row in rows if row in READING_ROWS):
+        draw_readings(rows, folder / READINGS_PICTURE)
     missing = [f"`{row.name}`" for row in rows if not read(row.record)]
     if missing:
         parts.append(f"Not measured yet: {', '.join(missing)}.\n")

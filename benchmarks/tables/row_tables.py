@@ -115,17 +115,22 @@ cameras see."""
 
 def goal_table() -> list[str]:
     """How near in space a goal is, on every task where it is recorded."""
-    labels = {task.name: task.label for task in TASKS}
+    entries = {entry["task"]: entry for entry in read_lines(goal_record())}
     lines = [
-        [labels[entry["task"]], entry["median_cm"], entry["quantile_95_cm"], f"{100 * float(entry['within_5_cm']):.0f}"]
-        for entry in read_lines(goal_record())
-        if entry["task"] in labels
+        [task.label, *(f"{float(entry[name]):.1f}" for name in ("median_cm", "quantile_95_cm")), _percent(entry)]
+        for task in TASKS
+        if (entry := entries.get(task.name))
     ]
     if not lines:
         return []
     head = ["task", "median, cm", "95 %, cm", "within 5 cm, %"]
     text = "\n".join(map(line_of, [head, ["---"] * len(head), *lines]))
     return [f"How far from the target the end effector is in space, over the random poses that are goals:\n\n{text}\n"]
+
+
+def _percent(entry: Line) -> str:
+    """The share of goals that are near, in %."""
+    return f"{100 * float(entry['within_5_cm']):.1f}"
 
 
 def success_of(entry: Line) -> float:

@@ -2,13 +2,21 @@
 
 from collections.abc import Callable
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
+import benchmarks
+from benchmarks.analysis import looks
+from benchmarks.analysis.baselines import read_lines
 from benchmarks.analysis.looks import efforts_of, look
+from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.wrappers import QuantizedActions
+from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.training import trainer
 
 POSE = (1.0, 0.4, 0.0, 0.8)
 ACTIONS = np.array([(1, 0, 0, 0), (-1, 0, 0, 0)], np.float32)
@@ -40,6 +48,21 @@ def test_who_looks_needs_its_own_images_and_who_does_not_never_notices() -> None
         scores = look(Agent(lambda observation: ACTIONS[0]), env, starts)
         assert scores["success_rate"] == scores["shuffled_success_rate"] == 0.5
         assert scores["action_spread"] == 0.0 and scores["most_frequent_action"] == 1.0
+
+
+def test_a_run_is_recorded_with_the_steps_that_its_model_was_trained_for(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(benchmarks, "RESULTS", tmp_path / "results")
+    for module in (looks, trainer):
+        monkeypatch.setattr(module, "test_starts", lambda *_: random_starts(2, seed=0))
+    arguments = ["--algo", "dqn", "-n", "6", "--seed", "3", "--eval-freq", "-1", "--verbose", "0", "-f", str(logs)]
+    arguments += ["--env-kwargs", "max_episode_steps:2", "-params", "learning_starts:4", "batch_size:4"]
+    assert train_cli.main([*arguments, "buffer_size:50", "callback:null"]) == 0
+    run = str(logs / "dqn" / "WamStereoReach-v0_1")
+    assert looks.main([run, "--name", "made_up"]) == looks.main([run, "--name", "made_up"]) == 0
+    (line,) = read_lines(looks.looks_record())
+    assert (line["row"], line["seed"], line["timesteps"]) == ("made_up", "3", "6")
 
 
 def test_efforts_are_those_that_the_wrappers_make_of_an_action() -> None:

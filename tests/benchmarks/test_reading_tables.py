@@ -57,6 +57,7 @@ def test_every_reading_learns_its_own_task_with_the_papers_settings() -> None:
 def test_a_reading_has_a_section_with_its_cells_beside_the_published_ones(records: Path) -> None:
     record({0: (1.0, 0.96), 1: (1.0,)})
     text = write_report(ROWS, records).read_text()
+    assert (records / "readings.svg").stat().st_size > 1000
     default, readings = text.split("## Other readings of the paper\n")
     assert DDPG.label + ", 2 seeds" not in default
     assert f"### Reading: {READINGS[0].title}\n" in readings and READINGS[1].title not in readings
@@ -100,5 +101,5 @@ def test_goals_in_space_and_looks_are_shown_as_recorded(records: Path) -> None:
     scores |= {"shuffled_mean_steps_capped": "1.9", "action_spread": "0.054"}
     write_lines(looks_record(), [{"row": DDPG.name, "seed": "0", "timesteps": "1500", **scores}])
     text = write_report(ROWS, records).read_text()
-    assert "| fixed target, the default | 14.1 | 20 | 5 |" in text and "another version" not in text
+    assert "| fixed target, the default | 14.1 | 20.0 | 5.2 |" in text and "another version" not in text
     assert f"| {DDPG.label}; {READINGS[0].title} | 0 | 1500 | 100 | 99 | 1.60 | 1.90 | 0.05 |" in text
