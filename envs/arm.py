@@ -12,7 +12,7 @@ from sb3_stereo.envs.damping import MAX_EXPLICIT_LOSS, ImplicitDamping, JointSpa
 from sb3_stereo.envs.joints import make_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require, require_known
-from sb3_stereo.envs.urdf import bullet_says, load_urdf, mimics, read_urdf, urdf_path
+from sb3_stereo.envs.urdf import bullet_says, load_urdf, mimics, read_urdf, urdf_path, without_inertia
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,10 @@ class Arm:
             if info[2] == pybullet.JOINT_FIXED and info[PARENT] in (-1, *self.fixed_links):
                 self.fixed_links.append(info[0])
         self._check_names(moving)
-        self._check_motion(list(moving.values()))
+        massless = [name for name in without_inertia(robot) if name in self._links]
+        for name in massless:  # Bullet would give each 1 kg and 1 kg m^2; a frame at the tool weighs nothing
+            client.changeDynamics(self.body, self._links[name], mass=0.0, localInertiaDiagonal=(0.0, 0.0, 0.0))
+        self._check_motion(list(moving.values()), massless)
         self.joints = make_joints(spec, moving, mimics(robot, path))
         self.actuated, self.limits = self.joints.actuated, self.joints.limits
         self._moving, self._actuated_of_moving = self.joints.moving, self.joints.actuated_of_moving
@@ -72,7 +75,7 @@ class Arm:
         for link in (*(link for pair in spec.collision_exempt for link in pair), *dict(spec.link_colors)):
             require_known("link", link, self._names.values(), "the robot's")
 
-    def _check_motion(self, moving: Sequence[Any]) -> None:
+    def _check_motion(self, moving: Sequence[Any], massless: Sequence[str]) -> None:
         """Raise a ValueError if the file's numbers would make poses of NaN."""
         file, names = quoted(self.spec.urdf), [info[1].decode() for info in moving]
         for name, info in zip(names, moving, strict=True):
@@ -80,9 +83,9 @@ class Arm:
             require(simple, f"joint '{name}' of {file} neither turns nor slides; use revolute and prismatic joints")
             far = max(map(abs, info[8:10])) if info[8] < info[9] else 0.0
             require(far <= MAX_LIMIT, f"joint '{name}' of {file} has a limit of {far}; give at most {MAX_LIMIT:.0f}")
-        require(
-            self._moves(len(moving)), f"{file} has a mass, an inertia, an origin or an axis of no robot; check them"
-        )
+        frames = f" (no <inertial>: {', '.join(massless)})" if massless else ""
+        wrong = f"{file} has a mass{frames}, an inertia, an origin or an axis of no robot; check them"
+        require(self._moves(len(moving)), wrong)
 
     def _moves(self, n_moving: int) -> bool:
         """Whether every link is somewhere, and the mass matrix positive definite."""

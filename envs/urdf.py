@@ -184,6 +184,11 @@ def _resolved(name: str, found: dict[str, Mimic], path: str) -> Mimic:
     return mimic
 
 
+def without_inertia(robot: ET.Element) -> list[str]:
+    """Names of the links that the file gives no mass, such as frames at the tool."""
+    return [link.get("name", "") for link in robot.iterfind("link") if link.find("inertial") is None]
+
+
 def load_urdf(client: Any, path: str, position: Any, orientation: Any, flags: int) -> int:
     """Load a robot, fixed at its base, and return its body; what Bullet says of the file becomes one warning.
 
@@ -228,5 +233,7 @@ def bullet_says() -> Iterator[list[str]]:
             os.dup2(saved, 1)
             os.close(saved)
             file.seek(0)
-            text = re.sub(r"b3(Warning|Error|Printf)\[[^\]]*\]:?\n?", "\n", file.read().decode(errors="replace"))
+            text = file.read().decode(errors="replace")
+            text = re.sub(r"No inertial data for link, using mass=1.*\n?.*", "", text)  # not with us
+            text = re.sub(r"b3(Warning|Error|Printf)\[[^\]]*\]:?\n?", "\n", text)
             lines += [line for line in map(str.strip, text.split("\n")) if line]

@@ -1,5 +1,6 @@
 """What is said of a file that is no robot, and what its mimic joints do."""
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -139,10 +140,33 @@ def test_a_home_folder_may_be_a_tilde(client: Client, tmp_path: Path, monkeypatc
 def test_what_bullet_says_of_a_file_is_one_warning_and_not_printed(
     client: Client, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    file = robot(tmp_path, '<link name="l0"/>', link("l1"), link("l2"), JOINTS)
-    with pytest.warns(UserWarning, match=r"^Bullet says of .*: No inertial data for link, using mass=1"):
+    file = robot(tmp_path, link("l0"), link("l1").replace('ixx="0.0001"', 'ixx="1"'), link("l2"), JOINTS)
+    with pytest.warns(UserWarning) as said:
         Arm(spec(file), client)
+    told = f"Bullet says of {file!r}: Bad inertia tensor properties, setting inertia to zero for link: l1"
+    assert [str(warning.message) for warning in said] == [told]
     assert capfd.readouterr().out == ""
+
+
+def test_a_frame_without_inertia_weighs_nothing(tmp_path: Path) -> None:
+    moved = []
+    for tool in ("", '<link name="tool"/>' + joint("t", "l2", "tool", kind="fixed")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            env = StereoReachEnv(arm=spec(robot(tmp_path, LINKS, JOINTS, tool), damping=(0.01,), effort_limits=(0.01,)))
+        env.reset(options={"joint_positions": [0.2]})
+        moved.append(env.step([1.0])[4]["joint_positions"])
+        env.close()
+    assert moved[0][0] > 0.3
+    np.testing.assert_allclose(*moved, atol=1e-6)
+
+
+def test_a_joint_that_moves_nothing_is_explained(client: Client, tmp_path: Path) -> None:
+    file = robot(tmp_path, LINKS, JOINTS, '<link name="l3"/>', joint("j3", "l2", "l3"))
+    with pytest.raises(ValueError) as error:
+        Arm(spec(file), client)
+    wrong = "has a mass (no <inertial>: l3), an inertia, an origin or an axis of no robot; check them"
+    assert str(error.value) == f"{file!r} {wrong}"
 
 
 # ------------------------------------------------------------------------------------------------ held joints
