@@ -255,6 +255,11 @@ class StereoReachEnv(SimulatedEnv):
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
         return self._world.eyes.draw(self._target_position)
 
+    def draw_pose(self, positions: ArrayLike) -> tuple[Image, ...]:
+        """The same of the actuated joints at `positions`, (n_joints,), free or not, with the default target."""
+        self.arm.rest_at(vector("positions", positions, len(self.arm.limits)))
+        return self._world.eyes.draw(self._default_target)
+
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
         frames = self._sight.frames

@@ -54,10 +54,9 @@ def save_frame(env: Any, path: str) -> None:
     """Save what the cameras see of the arm in the middle of its joints' ranges, whether it is free there or not."""
     import cv2
 
-    env.arm.rest_at(env.arm.limits.mean(axis=1))
-    env.look()
+    views = [view[:, :, 2::-1] for view in env.draw_pose(env.arm.limits.mean(axis=1))]  # OpenCV's order of colours
     try:
-        saved = cv2.imwrite(path, env.render()[:, :, ::-1])
+        saved = cv2.imwrite(path, cv2.hconcat(views))
     except cv2.error:
         saved = False
     if not saved:

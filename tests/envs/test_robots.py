@@ -7,13 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from small_arms import joint, link, robot
 
+from sb3_stereo.commands.check import save_frame
 from sb3_stereo.config.schema import load_config, parse_config
+from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, camera_specs, mirror_each_other
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
+from sb3_stereo.envs.simulation import Client
 from sb3_stereo.envs.specs import plain
-from sb3_stereo.envs.survey import survey
+from sb3_stereo.envs.survey import describe, survey
 from sb3_stereo.errors import ConfigError
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -189,3 +193,138 @@ def test_a_wrong_arm_is_an_error_before_a_run_directory_is_made() -> None:
     with pytest.raises(ConfigError) as error:
         load_config("ddpg", "WamStereoReach-v0", env_kwargs={"arm": "kua"})
     assert str(error.value) == "unknown arm 'kua'; arms are wam, kuka, panda, or give a .yml file"
+
+
+DESK = {"arm": str(EXAMPLES / "desk_arm.yml"), "cameras": str(EXAMPLES / "desk_cameras.yml")}
+
+
+@pytest.mark.parametrize(
+    ("orientation", "rotation"),
+    [
+        ((0.0, 0.0, np.pi / 2), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+        ((np.pi, 0.0, 0.0), [[1, 0, 0], [0, -1, 0], [0, 0, -1]]),
+        ((np.pi / 2, 0.0, np.pi / 2), [[0, 0, 1], [1, 0, 0], [0, 1, 0]]),  # roll first, about fixed axes
+        ((0.0, 0.0, 3.0, 3.0), [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),  # a quaternion of any length
+    ],
+)
+def test_an_orientation_turns_the_whole_arm_about_its_base(
+    client: Client, orientation: tuple[float, ...], rotation: Any
+) -> None:
+    place, pose = (0.1, -0.2, 0.3), [0.3, 0.5, -0.2, 1.0]
+    upright, turned = Arm(WAM, client), Arm(replace(WAM, base_orientation=orientation, base_position=place), client)
+    for arm in (upright, turned):
+        arm.rest_at(pose)
+    np.testing.assert_allclose(
+        turned.end_effector_position, rotation @ upright.end_effector_position + place, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        turned.chain_positions, upright.chain_positions @ np.transpose(rotation) + place, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("orientation", "mirrored"),
+    [
+        ((0.0, 0.4, 0.0), (0, 2)),  # still in the plane y = 0
+        ((0.0, 0.0, np.pi), (0, 2)),
+        ((np.pi, 0.0, 0.0), (0, 2)),  # from the ceiling
+        ((0.0, 0.0, 0.3), None),
+        ((0.2, 0.0, 0.0), None),
+        ((0.0, 0.0, np.pi / 2), None),
+        ((0.2, 0.0, 0.0, 1.0), None),
+    ],
+)
+def test_an_arm_out_of_the_mirror_plane_is_not_mirrored(
+    orientation: tuple[float, ...], mirrored: tuple[int, ...] | None
+) -> None:
+    env = StereoReachEnv(arm=replace(WAM, base_orientation=orientation, base_position=(0.0, 0.0, 1.0)))
+    assert env.mirrored_joints == mirrored
+    env.close()
+
+
+def test_an_arm_whose_file_looks_sideways_may_be_turned_into_the_mirror_plane(tmp_path: Path) -> None:
+    """Its own plane is x = 0, as the SO-101's, and is y = 0 once it is mounted."""
+    file = robot(
+        tmp_path,
+        *(link(f"l{k}") for k in range(3)),
+        joint("j1", "l0", "l1", "0 0 1"),
+        joint("j2", "l1", "l2", "1 0 0"),
+        link("hand"),
+        joint("h", "l2", "hand", kind="fixed"),
+    )
+    arm = ArmSpec(file, ("j1", "j2"), "hand", (8, 4), (8, 4), mirrored_joints=("j1",))
+    for yaw, mirrored in ((np.pi / 2, (0,)), (0.0, (0,)), (0.7, None)):  # without a yaw the file is believed
+        env = StereoReachEnv(arm=replace(arm, base_orientation=(0.0, 0.0, yaw)))
+        assert env.mirrored_joints == mirrored
+        env.close()
+
+
+def test_a_desktop_arm_moves_a_radian_per_pulse_and_shows_its_markers() -> None:
+    env = StereoReachEnv(**DESK, target_position=(0.22, 0.0, 0.25))
+    result = survey(env, n_poses=30, n_steps=5)
+    assert np.all((result.travel > 0.9) & (result.travel < 1.15))
+    assert result.seen[0] > 0.9 and result.misplaced == 0.0 and result.solid and not result.without_shapes
+    assert result.mirrored_joints == ("pan",) and result.unlikeness < 0.05 and env.mirrored_joints == (0,)
+    env.close()
+
+
+def sliding_arm(folder: Path, size: float) -> ArmSpec:
+    slide = joint("slide", "l0", "l1", "1 0 0", limits=(-0.1, 0.3), kind="prismatic")
+    file = robot(folder, link("l0"), *(link(f"l{k}", size=size) for k in (1, 2)), slide, joint("j1", "l1", "l2"))
+    return ArmSpec(file, ("slide", "j1"), "l2", (1.0, 8.0), (20.0, 8.0))
+
+
+def test_a_sliding_joint_is_told_in_millimetres(tmp_path: Path) -> None:
+    env = StereoReachEnv(arm=sliding_arm(tmp_path, 0.02))
+    lines = describe(survey(env, n_poses=20, n_steps=1)).splitlines()
+    assert lines[1:3] == [
+        "slide                       -100     300      25 mm",
+        "j1                         -2.00    2.00    0.50 rad",
+    ]
+    assert lines[3].startswith("free of collisions: ") and lines[3].endswith("% of random poses")
+    env.close()
+
+
+def test_a_robot_that_nothing_can_touch_is_not_called_free(tmp_path: Path) -> None:
+    env = StereoReachEnv(arm=sliding_arm(tmp_path, 0.0))
+    result = survey(env, n_poses=20, n_steps=1)
+    assert not result.solid
+    assert describe(result).splitlines()[3] == (
+        "free of collisions: not known, as no link that moves has a collision shape and nothing stops it; "
+        "add <collision> to the links of the URDF"
+    )
+    env.close()
+
+
+def test_a_link_that_is_drawn_and_cannot_be_touched_is_named(tmp_path: Path) -> None:
+    arm = sliding_arm(tmp_path, 0.02)
+    text = Path(arm.urdf).read_text().rpartition("<collision>")
+    Path(arm.urdf).write_text(text[0] + text[2].partition("</collision>")[2])
+    env = StereoReachEnv(arm=arm)
+    assert "  without a collision shape: l2" in describe(survey(env, n_poses=20, n_steps=1)).splitlines()
+    env.close()
+
+
+def test_a_reset_that_finds_no_free_pose_names_what_touches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sb3_stereo.envs.reach.MAX_DRAWS", 20)
+    for random_target in (False, True):
+        env = StereoReachEnv(arm=replace(ARMS["panda"], collision_exempt=()), random_target=random_target)
+        with pytest.raises(ValueError) as error:
+            env.reset(seed=0)
+        assert str(error.value) == (
+            "no random pose is free of collisions: panda_hand and panda_link7 touch in 100%; "
+            "add links to collision_exempt or change rest"
+        )
+        env.close()
+
+
+def test_check_draws_an_arm_before_any_reset_and_where_it_collides(tmp_path: Path) -> None:
+    import cv2
+
+    env = StereoReachEnv(render_mode="rgb_array", arm=replace(ARMS["panda"], collision_exempt=()))
+    save_frame(env, str(tmp_path / "arm.png"))
+    picture = cv2.imread(str(tmp_path / "arm.png"))
+    assert picture is not None and picture.shape == (240, 640, 3)
+    blue, green, red = picture[..., 0].astype(int), picture[..., 1].astype(int), picture[..., 2].astype(int)
+    assert (red > green + 100).any() and (blue > green + 100).any()  # both markers
+    env.close()

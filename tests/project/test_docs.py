@@ -91,7 +91,7 @@ ALL = list(commands())
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the commands name: parts of the checkout, the example's files, and two images."""
     folder = tmp_path_factory.mktemp("stage")
-    for path in [*(ROOT / name for name in CHECKOUT), *(ROOT / "docs" / "examples").glob("*.yml")]:
+    for path in [*(ROOT / name for name in CHECKOUT), *(ROOT / "docs" / "examples").glob("*.[yu]*")]:
         (folder / path.name).symlink_to(path)
     env: Any = gym.make("WamStereoReach-v0")
     env.reset(seed=1)
