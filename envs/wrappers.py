@@ -1,4 +1,4 @@
-"""Quantised efforts for learners with discrete actions, and looks at a pulse while it lasts."""
+"""Wrappers: quantised efforts for discrete actions, pulses that are watched, stacked frames."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box, Discrete, MultiDiscrete
+from gymnasium.wrappers import FrameStackObservation
 from numpy.typing import NDArray
 
 MAX_ACTIONS = 10_000  # one output per action: beyond this no Q network is sensible
@@ -88,3 +89,34 @@ class WatchedPulses(gym.Wrapper[Any, Any, Any, Any]):
             return self.env.step(action)
         finally:
             watchers.remove(self._watcher)
+
+
+class StackFrames(gym.Wrapper[Any, Any, Any, Any]):
+    """The last images as the channels of one, oldest first, as SB3's `VecFrameStack` has them; black before the first.
+
+    Args:
+        env: Whose observations are images, with the channels first or last.
+        n_frames: How many.
+
+    Raises:
+        ValueError: If the observations are no images.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], n_frames: int) -> None:
+        space = env.observation_space
+        if not isinstance(space, Box) or len(space.shape) != 3 or n_frames < 1:
+            raise ValueError(f"StackFrames stacks at least one image, got n_frames {n_frames} of {space}")
+        super().__init__(FrameStackObservation(env, n_frames, padding_type="zero"))
+        self._axis = 0 if np.argmin(space.shape) == 0 else -1
+        low, high = (np.concatenate([bound] * n_frames, self._axis) for bound in (space.low, space.high))
+        self.observation_space = Box(low, high, dtype=space.dtype.type)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        """As in Gymnasium."""
+        frames, info = self.env.reset(seed=seed, options=options)
+        return np.concatenate(frames, self._axis), info
+
+    def step(self, action: Any) -> Any:
+        """As in Gymnasium."""
+        frames, *rest = self.env.step(action)
+        return np.concatenate(frames, self._axis), *rest

@@ -1,10 +1,12 @@
 """Progress for a person: a bar on a terminal, a plain line now and then elsewhere; both say how long it will take."""
 
+import os
 import shlex
 import sys
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TextIO
 
 
 class Bar:
@@ -84,3 +86,40 @@ def aligned(rows: Sequence[Sequence[str]], right: bool = True) -> str:
 def command_line(command: str, *arguments: str) -> str:
     """Return what to type for a command of ours, with or without a checkout."""
     return shlex.join(["python", "-m", "sb3_stereo", command, *arguments])
+
+
+@contextmanager
+def surviving_broken_pipes() -> Iterator[None]:
+    """Let a command go on when nobody reads its output any more, as after `| head -1`."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _Pipe(sys.stdout), _Pipe(sys.stderr)
+    try:
+        yield
+        sys.stdout.flush()
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+class _Pipe:
+    """A stream that leads nowhere once its reader has gone."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._unless_broken(lambda: self._stream.write(text)) or 0
+
+    def flush(self) -> None:
+        self._unless_broken(self._stream.flush)
+
+    def _unless_broken(self, call: Callable[[], int | None]) -> int | None:
+        try:
+            return call()
+        except BrokenPipeError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self._stream.fileno())  # also for what is still in the buffer
+            os.close(nowhere)
+            return None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)

@@ -40,9 +40,37 @@ def unknown(what: str, name: object, allowed: Iterable[str]) -> ConfigError:
 
 
 @contextmanager
-def refusals_are_errors() -> Iterator[None]:
-    """Turn the ValueErrors of constructors, which say what is allowed, into the user's error."""
+def setting_up(what: str, error_class: type[ConfigError] = ConfigError) -> Iterator[None]:
+    """Turn whatever is raised while something is set up into the user's error, in one sentence.
+
+    What the user chose is first put together here, by constructors of ours, SB3's, torch's and of packages that the
+    user named. Ours raise a ValueError that says what is allowed; others raise anything. What is raised later, when
+    everything has been set up, is a bug and stays as it is.
+
+    Args:
+        what: What is set up, for the sentence.
+        error_class: What is raised.
+
+    Raises:
+        ConfigError: If anything but a signal is raised; `error_class`, unless it was a ConfigError of another kind.
+    """
     try:
         yield
+    except ConfigError as error:
+        raise error if type(error) is not ConfigError else error_class(str(error)) from error
+    except MemoryError as error:
+        raise error_class(f"not enough memory to set up {what} ({_reason(error)}); make it smaller") from error
+    except OSError as error:
+        raise error_class(f"cannot set up {what}: {_reason(error)}") from error
     except ValueError as error:
-        raise ConfigError(str(error)) from error
+        raise error_class(str(error) or f"{what} is refused without a reason") from error
+    except Exception as error:
+        reason = f"{type(error).__name__}: {_reason(error)}"
+        way_out = "change its settings, or see where it happened with --verbose 2"
+        raise error_class(f"cannot set up {what} ({reason}); {way_out}") from error
+
+
+def _reason(error: Exception) -> str:
+    """What an exception says, without the advice and the stack that C++ adds."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else "no reason given"

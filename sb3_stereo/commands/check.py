@@ -4,10 +4,10 @@ import argparse
 import sys
 from typing import Any
 
-from sb3_stereo.commands.flags import Parser, run_command
+from sb3_stereo.commands.flags import Parser, at_least, path, run_command
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
-from sb3_stereo.errors import ConfigError, refusals_are_errors
+from sb3_stereo.errors import ConfigError, setting_up
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -18,10 +18,12 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="its arguments, e.g. arm:my_arm.yml")
-    parser.add_argument("--poses", type=int, default=500, metavar="N", help="random poses (default: 500)")
-    parser.add_argument("--steps", type=int, default=1000, metavar="N", help="steps of a random agent (default: 1000)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of everything random (default: 0)")
-    parser.add_argument("-o", "--output", metavar="FILE", help="save what the cameras see, e.g. arm.png")
+    parser.add_argument("--poses", type=at_least(1), default=500, metavar="N", help="random poses (default: 500)")
+    parser.add_argument(
+        "--steps", type=at_least(1), default=1000, metavar="N", help="steps of a random agent (default: 1000)"
+    )
+    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of everything random (default: 0)")
+    parser.add_argument("-o", "--output", type=path, metavar="FILE", help="save what the cameras see, e.g. arm.png")
     return parser
 
 
@@ -34,12 +36,9 @@ def check_command(args: argparse.Namespace) -> int:
     from sb3_stereo.envs.reach import StereoReachEnv
     from sb3_stereo.envs.survey import describe, survey
 
-    for name, value in (("--poses", args.poses), ("--steps", args.steps)):
-        if value < 1:
-            raise ConfigError(f"{name} must be positive, got {value}")
     check_env_id(args.env)
     kwargs = check_env_kwargs(args.env, parse_assignments(args.env_kwargs))
-    with refusals_are_errors():
+    with setting_up(args.env):
         env = gym.make(args.env, render_mode="rgb_array", **kwargs).unwrapped
         if not isinstance(env, StereoReachEnv):
             raise ConfigError(f"{args.env} has no arm and cameras to measure; take {DEFAULT_ENV} and --env-kwargs")

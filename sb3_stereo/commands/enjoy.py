@@ -16,7 +16,9 @@ from sb3_stereo.commands.flags import (
     add_model_flags,
     add_process_flags,
     add_run_flags,
+    at_least,
     check_device,
+    file,
     run_command,
 )
 from sb3_stereo.console import command_line
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 DEFAULT_TIMESTEPS, DEFAULT_FILM_EPISODES = 1000, 5
+MAX_ZOOM = 20
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -33,19 +36,34 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(prog=command_line("enjoy"), description="Play a trained agent and count its successes.")
     add_run_flags(parser)
     add_model_flags(parser)
-    parser.add_argument("-n", "--n-timesteps", type=int, help=f"environment steps (default: {DEFAULT_TIMESTEPS})")
-    parser.add_argument("--n-episodes", type=int, help=f"episodes (default: {DEFAULT_FILM_EPISODES} with --video)")
-    parser.add_argument("--exp-id", type=int, default=0, help="number of the run (default: 0, the latest)")
+    parser.add_argument(
+        "-n", "--n-timesteps", type=at_least(1), help=f"environment steps (default: {DEFAULT_TIMESTEPS})"
+    )
+    parser.add_argument(
+        "--n-episodes", type=at_least(1), help=f"episodes (default: {DEFAULT_FILM_EPISODES} with --video)"
+    )
+    parser.add_argument("--exp-id", type=at_least(0), default=0, help="number of the run (default: 0, the latest)")
     window = parser.add_mutually_exclusive_group()
     window.add_argument("--no-render", action="store_true", help="do not open a window")
     window.add_argument("--gui", action="store_true", help="open Bullet's window (the default without --video)")
-    parser.add_argument("--video", type=Path, metavar="FILE", help="film into an .mp4 or .gif")
-    parser.add_argument("--zoom", type=float, default=1.0, help="show the middle of the views larger (default: 1)")
+    parser.add_argument("--video", type=file, metavar="FILE", help="film into an .mp4 or .gif")
+    parser.add_argument("--zoom", type=zoom, default=1.0, help="show the middle of the views larger (default: 1)")
     parser.add_argument("--stochastic", action="store_true", help="explore as in training")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the starts (default: 0)")
+    parser.add_argument("--seed", type=at_least(0), default=0, help="seed of the starts (default: 0)")
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
     add_process_flags(parser)
     return parser
+
+
+def zoom(text: str) -> float:
+    """argparse's type for a factor by which the middle of the views is shown larger."""
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not 1.0 <= factor <= MAX_ZOOM:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 to {MAX_ZOOM}")
+    return factor
 
 
 def play(
@@ -94,9 +112,6 @@ def summary(episodes: list[tuple[bool, int]]) -> str:
 
 def length(args: argparse.Namespace) -> tuple[float, float]:
     """Return how many environment steps and how many episodes to play at most."""
-    for flag, value in (("-n", args.n_timesteps), ("--n-episodes", args.n_episodes), ("--zoom", args.zoom)):
-        if value is not None and value <= 0:
-            raise ConfigError(f"{flag} must be positive, got {value}")
     if args.n_timesteps is None and args.n_episodes is None:
         return (math.inf, DEFAULT_FILM_EPISODES) if args.video else (DEFAULT_TIMESTEPS, math.inf)
     return args.n_timesteps or math.inf, args.n_episodes or math.inf

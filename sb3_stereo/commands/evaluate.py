@@ -7,9 +7,16 @@ import sys
 from typing import Any
 
 from sb3_stereo import runtime
-from sb3_stereo.commands.flags import Parser, add_model_flags, add_process_flags, check_device, run_command
+from sb3_stereo.commands.flags import (
+    Parser,
+    add_model_flags,
+    add_process_flags,
+    at_least,
+    check_device,
+    path,
+    run_command,
+)
 from sb3_stereo.console import command_line
-from sb3_stereo.errors import ConfigError
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -17,12 +24,17 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog=command_line("evaluate"), description="Score a trained agent, by default on the 100 fixed test poses."
     )
-    parser.add_argument("run", metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v0_1")
+    parser.add_argument("run", type=path, metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v0_1")
     add_model_flags(parser)
-    parser.add_argument("--poses", type=int, default=0, metavar="N", help="take N random poses instead")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="seed of the random poses (default: 0)")
+    parser.add_argument("--poses", type=at_least(0), default=0, metavar="N", help="take N random poses instead")
     parser.add_argument(
-        "--n-envs", type=int, default=-1, help="environments, each in its own process (default: free cores, up to 4)"
+        "--seed", type=at_least(0), default=0, metavar="S", help="seed of the random poses (default: 0)"
+    )
+    parser.add_argument(
+        "--n-envs",
+        type=at_least(1, -1),
+        default=-1,
+        help="environments, each in its own process (default: free cores, up to 4)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_process_flags(parser)
@@ -39,8 +51,6 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.runs.directory import import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
 
-    if args.poses < 0 or args.seed < 0:
-        raise ConfigError(f"--poses and --seed must not be negative, got {args.poses} and {args.seed}")
     import_packages(args.gym_packages)
     check_device(args.device)
     config, _ = load_record(args.run)

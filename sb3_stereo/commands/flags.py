@@ -1,13 +1,18 @@
 """What the commands have in common: flags with the zoo's names, and errors in one sentence."""
 
 import argparse
+import os
 import sys
+import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn
 
 from sb3_stereo.config.schema import DEFAULT_ENV
+from sb3_stereo.console import surviving_broken_pipes
 from sb3_stereo.errors import ConfigError, one_line
 
+MAX_PATH, MAX_NAME = 4000, 255  # [bytes], Linux's limits; a run's files have longer paths than its folder
 INTERRUPTED = 130  # 128 + SIGINT, the shell's convention
 
 
@@ -19,6 +24,40 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {one_line(message)} (see --help)\n")
 
 
+def at_least(lowest: int, besides: int | None = None) -> Callable[[str], int]:
+    """Return argparse's type for an integer from `lowest` on, or the one that stands for a default."""
+
+    def count(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = lowest - 1 if besides != lowest - 1 else lowest - 2
+        if number < lowest and number != besides:
+            default = "" if besides is None else f", or {besides} for the default"
+            raise argparse.ArgumentTypeError(f"{text!r} is no integer of at least {lowest}{default}")
+        return number
+
+    return count
+
+
+def path(text: str) -> str:
+    """argparse's type for a path that a file can have."""
+    try:
+        os.fsencode(text).decode("utf-8")
+    except (UnicodeDecodeError, UnicodeEncodeError):
+        raise argparse.ArgumentTypeError(f"{text!a} is not UTF-8; rename it") from None
+    too_long = len(os.fsencode(text)) > MAX_PATH or any(len(os.fsencode(part)) > MAX_NAME for part in text.split("/"))
+    if not text or "\0" in text or too_long:
+        what = "is empty" if not text else "has a NUL in it" if "\0" in text else "is too long"
+        raise argparse.ArgumentTypeError(f"the path {what}; give one that a file can have")
+    return text
+
+
+def file(text: str) -> Path:
+    """argparse's type for a `Path` that a file can have."""
+    return Path(path(text))
+
+
 def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) -> None:
     """Add the flags for device, threads and packages.
 
@@ -28,25 +67,29 @@ def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) ->
     """
     threads = "as many as there are free cores, up to 4" if num_threads < 0 else str(num_threads)
     parser.add_argument("--device", default="auto", help="PyTorch device, e.g. cpu, cuda (default: auto)")
-    parser.add_argument("--num-threads", type=int, default=num_threads, help=f"PyTorch threads (default: {threads})")
+    parser.add_argument(
+        "--num-threads", type=at_least(1, -1), default=num_threads, help=f"PyTorch threads (default: {threads})"
+    )
     parser.add_argument(
         "--gym-packages", nargs="+", default=[], metavar="PACKAGE", help="packages that register further environments"
     )
-    parser.add_argument("--verbose", type=int, default=1, help="0 silent, 1 progress, 2 SB3's tables (default: 1)")
+    parser.add_argument(
+        "--verbose", type=at_least(0), default=1, help="0 silent, 1 progress, 2 SB3's tables (default: 1)"
+    )
 
 
 def add_run_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags that choose a run."""
     parser.add_argument("--algo", default="ddpg", help="ddpg, dqn, td3, sac, ppo, crossq or tqc (default: ddpg)")
     parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")
-    parser.add_argument("-f", "--log-folder", "--folder", default="logs", help="log folder (default: logs)")
+    parser.add_argument("-f", "--log-folder", "--folder", type=path, default="logs", help="log folder (default: logs)")
 
 
 def add_model_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags that choose one of a run's models; without any it is the final one."""
     choice = parser.add_mutually_exclusive_group()
     choice.add_argument("--load-best", action="store_true", help="take best_model.zip instead of the final model")
-    choice.add_argument("--load-checkpoint", type=int, metavar="N", help="take rl_model_N_steps.zip")
+    choice.add_argument("--load-checkpoint", type=at_least(0), metavar="N", help="take rl_model_N_steps.zip")
     parser.add_argument("--trust", action="store_true", help="load a model from elsewhere, with the code it may hold")
 
 
@@ -68,10 +111,13 @@ def run_command(command: Callable[[Any], int], args: Any) -> int:
     Returns:
         The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
     """
-    try:
-        return command(args)
-    except ConfigError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    with surviving_broken_pipes():
+        try:
+            return command(args)
+        except ConfigError as error:
+            if getattr(args, "verbose", 1) > 1 and error.__cause__ is not None:
+                traceback.print_exception(error.__cause__)
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            return INTERRUPTED

@@ -5,11 +5,19 @@ import json
 import sys
 from collections.abc import Iterator
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 from sb3_stereo import runtime
-from sb3_stereo.commands.flags import Parser, add_model_flags, add_process_flags, check_device, run_command
+from sb3_stereo.commands.flags import (
+    Parser,
+    add_model_flags,
+    add_process_flags,
+    at_least,
+    check_device,
+    file,
+    path,
+    run_command,
+)
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.real_images.player import Player, drawn, plain, told
@@ -22,12 +30,18 @@ def make_parser() -> argparse.ArgumentParser:
         prog=command_line("play_images"), description="Find the markers in images and print the agent's efforts."
     )
     parser.add_argument(
-        "sources", metavar="LEFT RIGHT", nargs="+", help="per view an image, a folder of images or a camera's index"
+        "sources",
+        type=path,
+        metavar="LEFT RIGHT",
+        nargs="+",
+        help="per view an image, a folder of images or a camera's index",
     )
-    parser.add_argument("--model", required=True, metavar="RUN", help="run directory of the agent")
+    parser.add_argument("--model", type=path, required=True, metavar="RUN", help="run directory of the agent")
     add_model_flags(parser)
-    parser.add_argument("-n", type=int, metavar="N", help="stop after N pairs (default: all; cameras: until Ctrl-C)")
-    parser.add_argument("--draw", type=Path, metavar="FOLDER", help="write a picture of each answer")
+    parser.add_argument(
+        "-n", type=at_least(1), metavar="N", help="stop after N pairs (default: all; cameras: until Ctrl-C)"
+    )
+    parser.add_argument("--draw", type=file, metavar="FOLDER", help="write a picture of each answer")
     parser.add_argument("--json", action="store_true", help="print one JSON object per pair")
     add_process_flags(parser)
     return parser
@@ -53,8 +67,6 @@ def load_player(args: argparse.Namespace) -> Player:
 def play_images_command(args: argparse.Namespace) -> int:
     """Answer every set of images."""
     runtime.tune_allocator()
-    if args.n is not None and args.n <= 0:
-        raise ConfigError(f"-n must be positive, got {args.n}")
     images: Iterator[Any] = image_sets(args.sources)
     player = load_player(args)
     names = [camera.name for camera in player.cameras]

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sb3_stereo.commands.flags import Parser, run_command
+from sb3_stereo.commands.flags import Parser, path, run_command
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.curves import draw, group_runs, readable_runs
@@ -17,8 +17,10 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog=command_line("plot"), description="Draw learning curves; runs that differ only in their seed share one."
     )
-    parser.add_argument("runs", metavar="RUN", nargs="+", help="run directories, e.g. logs/ddpg/*")
-    parser.add_argument("-o", "--output", default="curves.png", metavar="FILE", help="picture (default: curves.png)")
+    parser.add_argument("runs", type=path, metavar="RUN", nargs="+", help="run directories, e.g. logs/ddpg/*")
+    parser.add_argument(
+        "-o", "--output", type=path, default="curves.png", metavar="FILE", help="picture (default: curves.png)"
+    )
     return parser
 
 

@@ -9,7 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sb3_stereo import runtime
-from sb3_stereo.commands.flags import INTERRUPTED, Parser, add_process_flags, add_run_flags, check_device, run_command
+from sb3_stereo.commands.flags import (
+    INTERRUPTED,
+    Parser,
+    add_process_flags,
+    add_run_flags,
+    at_least,
+    check_device,
+    path,
+    run_command,
+)
 from sb3_stereo.console import aligned, command_line
 
 if TYPE_CHECKING:
@@ -21,11 +30,17 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; the flags are the zoo's."""
     parser = Parser(prog=command_line("train"), description="Train an agent and score it on the test poses.")
     add_run_flags(parser)
-    parser.add_argument("-n", "--n-timesteps", type=int, default=-1, help="environment steps (default: the YAML's)")
-    parser.add_argument("-i", "--trained-agent", metavar="ZIP", help="begin with the networks of this model")
+    parser.add_argument(
+        "-n", "--n-timesteps", type=at_least(1, -1), default=-1, help="environment steps (default: the YAML's)"
+    )
+    parser.add_argument("-i", "--trained-agent", type=path, metavar="ZIP", help="begin with the networks of this model")
     parser.add_argument("--trust", action="store_true", help="begin with networks that no run of ours has saved, too")
-    parser.add_argument("--seed", type=int, default=-1, help="seed of everything random (default: a new one, printed)")
-    parser.add_argument("-conf", "--conf-file", help="YAML with hyper-parameters (default: ours for the algorithm)")
+    parser.add_argument(
+        "--seed", type=at_least(0, -1), default=-1, help="seed of everything random (default: a new one, printed)"
+    )
+    parser.add_argument(
+        "-conf", "--conf-file", type=path, help="YAML with hyper-parameters (default: ours for the algorithm)"
+    )
     parser.add_argument(
         "-params",
         "--hyperparams",
@@ -37,21 +52,23 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--vec-env", choices=("dummy", "subproc"), default="dummy", help="how n_envs are stepped")
     parser.add_argument(
         "--eval-freq",
-        type=int,
+        type=at_least(0, -1),
         default=0,
         help="steps between scores (default: the paper's checkpoints; -1: only the end)",
     )
     parser.add_argument(
         "--n-eval-envs",
-        type=int,
+        type=at_least(1, -1),
         default=-1,
         help="environments per score, in processes (default: free cores, up to 4)",
     )
     parser.add_argument(
-        "--save-freq", type=int, default=1000, help="steps between checkpoints (default: 1000; -1: none)"
+        "--save-freq", type=at_least(1, -1), default=1000, help="steps between checkpoints (default: 1000; -1: none)"
     )
-    parser.add_argument("--resume", metavar="RUN", help="go on with a run that was killed, with its own settings")
-    parser.add_argument("-tb", "--tensorboard-log", help="TensorBoard folder (default: none)")
+    parser.add_argument(
+        "--resume", type=path, metavar="RUN", help="go on with a run that was killed, with its own settings"
+    )
+    parser.add_argument("-tb", "--tensorboard-log", type=path, help="TensorBoard folder (default: none)")
     parser.add_argument("-P", "--progress", action="store_true", help="draw the progress bar even without a terminal")
     add_process_flags(parser)
     return parser

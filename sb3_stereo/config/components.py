@@ -1,6 +1,7 @@
 """Classes that YAML names by their dotted path, and checked arguments for them."""
 
 import inspect
+import re
 import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
@@ -8,8 +9,12 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
+from sb3_stereo.config import limits
+from sb3_stereo.config.validation import fits
 from sb3_stereo.errors import ConfigError, unknown
 
+_DOTTED = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)+")
+_ZOO_NAMES = {"HerReplayBuffer": "stable_baselines3.HerReplayBuffer"}
 _SKIPPED = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
 
 
@@ -31,7 +36,7 @@ class Component:
 
 
 def import_class(path: object, kind: type, name: str) -> type:
-    """Import a class and make sure that it is of the right kind.
+    """Import a class and make sure that it is of the right kind; the zoo's `HerReplayBuffer` is SB3's.
 
     Args:
         path: Dotted path, `package.module.Class`.
@@ -41,12 +46,13 @@ def import_class(path: object, kind: type, name: str) -> type:
     Raises:
         ConfigError: If there is no such class, or it is of another kind.
     """
-    module, _, attribute = str(path).rpartition(".")
-    if not isinstance(path, str) or not module:
+    path = _ZOO_NAMES.get(str(path), path)
+    if not isinstance(path, str) or not _DOTTED.fullmatch(path):
         raise ConfigError(f"{name} must be a dotted path 'package.module.Class', got {path!r}")
+    module, _, attribute = path.rpartition(".")
     try:
         found = getattr(import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
+    except Exception as error:  # whatever a module does when it is imported
         raise ConfigError(f"{name}: cannot import '{path}' ({error}); the form is package.module.Class") from error
     if not (isinstance(found, type) and issubclass(found, kind)):
         raise ConfigError(f"{name}: '{path}' is not a subclass of {kind.__name__}; name one that is")
@@ -67,7 +73,11 @@ def _parse_component(item: object, kind: type, name: str) -> Component:
     if not isinstance(kwargs, Mapping | None):
         raise ConfigError(f"{name}: the arguments of '{path}' must be a map, got {kwargs!r}")
     cls = import_class(path, kind, name)
-    return Component(str(path), check_kwargs(cls, kwargs or {}, f"{name} {cls.__name__}", skip={"env"}))
+    checked = check_kwargs(cls, kwargs or {}, f"{name} {cls.__name__}", skip={"env"})
+    for key, parameter in parameters(cls).items():
+        if parameter.default is parameter.empty and key not in {"env", *checked}:
+            raise ConfigError(f"{name} {cls.__name__} lacks '{key}'; add it, as in {{{path}: {{{key}: ...}}}}")
+    return Component(str(path), checked)
 
 
 def parameters(target: Callable[..., Any]) -> dict[str, inspect.Parameter]:
@@ -114,7 +124,10 @@ def check_kwargs(
     for key in kwargs:
         if key not in known:
             raise unknown(f"argument of {name}", key, known)
-    return {key: coerce(value, known[key].annotation, f"{name}: {key}") for key, value in kwargs.items()}
+    checked = {key: coerce(value, known[key].annotation, f"{name}: {key}") for key, value in kwargs.items()}
+    for key, value in checked.items():
+        limits.check(key, value, f"{name}: {key}")
+    return checked
 
 
 def coerce(value: Any, hint: Any, name: str) -> Any:
@@ -171,19 +184,18 @@ def _spoken(kind: Any) -> str:
 
 
 def _fits(value: Any, hint: Any) -> bool:
+    if hint in (Any, inspect.Parameter.empty, object) or isinstance(hint, str):
+        return True
+    if _is_plain(hint):
+        return fits(value, hint)
+    return not isinstance(value, int | float | bool | None)  # a scalar never stands for an object
+
+
+def _is_plain(hint: Any) -> bool:
+    """Whether a type is made of what YAML can write."""
+    inner = [part for part in typing.get_args(hint) if part is not Ellipsis]
     origin = typing.get_origin(hint) or hint
-    if origin is typing.Literal:
-        return value in typing.get_args(hint)
-    if origin is float:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    if origin is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    if origin in (bool, str, type(None)):
-        return isinstance(value, origin)
-    if origin in (dict, Mapping):
-        return isinstance(value, Mapping)
-    if origin in (tuple, list, Sequence):
-        return isinstance(value, list | tuple)
-    if isinstance(value, int | float | bool | None):  # a scalar never stands for an object
-        return origin in (Any, inspect.Parameter.empty, object) or isinstance(origin, str)
-    return True
+    if origin is typing.Literal or hint is Any:
+        return True
+    kinds = (int, float, bool, str, type(None), list, tuple, dict, Sequence, Mapping, typing.Union, types.UnionType)
+    return origin in kinds and all(map(_is_plain, inner))

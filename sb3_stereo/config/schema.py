@@ -4,7 +4,6 @@ The schema is the one of rl-baselines3-zoo: one map per environment id, `default
 in it is evaluated, and a dotted path is accepted only if it names a class of the right kind.
 """
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -14,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
+from sb3_stereo.config import limits
 from sb3_stereo.config.components import Component, check_kwargs, coerce, import_class, parameters, parse_components
 from sb3_stereo.config.values import flatten, override_all, read_hyperparams
-from sb3_stereo.errors import ConfigError, refusals_are_errors, unknown
+from sb3_stereo.config.zoo_literals import parse_map
+from sb3_stereo.errors import ConfigError, setting_up, unknown
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -36,6 +37,11 @@ ALGORITHMS = {
 }
 SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")  # a number, or lin_<number>, which falls to 0
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
+# Keys of the zoo that wrap all environments at once, and what does the same to each.
+NOT_SUPPORTED = {
+    "normalize": "env_wrapper: [gymnasium.wrappers.NormalizeReward] for rewards; our encoders normalise images",
+    "vec_env_wrapper": "env_wrapper, whose wrappers wrap each environment",
+}
 
 # Arguments of SB3's constructors that have another source than the YAML: flags, or keys of their own.
 _NOT_FROM_YAML = frozenset(
@@ -140,7 +146,7 @@ def load_config(
         conf_file: The YAML file; by default our own for the algorithm.
         params: Overrides by key; a dotted key reaches inside, see `values.override_all`.
         env_kwargs: Overrides of `env_kwargs`.
-        n_timesteps: Override of `n_timesteps`; not positive keeps the file's.
+        n_timesteps: Override of `n_timesteps`; -1 keeps the file's, as in the zoo.
 
     Raises:
         ConfigError: If anything in it is unknown or of the wrong type.
@@ -150,7 +156,7 @@ def load_config(
     values = override_all(read_hyperparams(algo, env_id, conf_file), params)
     if env_kwargs:
         values["env_kwargs"] = {**(values.get("env_kwargs") or {}), **env_kwargs}
-    if n_timesteps > 0:
+    if n_timesteps != -1:
         values["n_timesteps"] = n_timesteps
     return parse_config(algo, env_id, values)
 
@@ -176,8 +182,11 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
 
     algo_class = algorithm(algo)
     algo_keys = set(parameters(algo_class)) - _NOT_FROM_YAML
-    own_keys = set(Config.__dataclass_fields__) - {"algo", "env_id", "algo_kwargs"}
+    own_keys = {*Config.__dataclass_fields__, "frame_stack"} - {"algo", "env_id", "algo_kwargs"}
+    values = {key: value for key, value in values.items() if key not in NOT_SUPPORTED or value}
     for key in values:
+        if key in NOT_SUPPORTED:
+            raise ConfigError(f"{key} is not supported here; leave it out, and write {NOT_SUPPORTED[key]}")
         if key not in own_keys | algo_keys:
             raise unknown(f"hyper-parameter of {algo}", key, own_keys | algo_keys)
     for key in ("n_timesteps", "policy"):
@@ -192,7 +201,7 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
         policy=values["policy"],
         policy_kwargs=_policy_kwargs(policy, values),
         env_kwargs=check_env_kwargs(env_id, _as_map(values, "env_kwargs")),
-        env_wrapper=parse_components(values.get("env_wrapper"), gym.Wrapper, "env_wrapper"),
+        env_wrapper=_wrappers(values),
         callback=parse_components(values.get("callback"), BaseCallback, "callback"),
         algo_kwargs=_algo_kwargs(algo_class, {k: v for k, v in values.items() if k in algo_keys}),
         **_noise(values, algo_class),
@@ -217,7 +226,7 @@ def check_env_kwargs(env_id: str, kwargs: Mapping[str, Any]) -> dict[str, Any]:
     creator = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
     assert creator is not None  # every registered environment has one
     checked = check_kwargs(creator, kwargs, f"env_kwargs of {env_id}", {"render_mode"})
-    with refusals_are_errors():
+    with setting_up(env_id):
         resolved = creator.plain_kwargs(checked) if hasattr(creator, "plain_kwargs") else checked
     return {**resolved, **cap}
 
@@ -234,10 +243,24 @@ def _policy_kwargs(policy: "type[BasePolicy]", values: Mapping[str, Any]) -> dic
     return kwargs
 
 
+def _wrappers(values: Mapping[str, Any]) -> tuple[Component, ...]:
+    """The wrappers, with the zoo's `frame_stack` as the outermost one."""
+    wrappers = parse_components(values.get("env_wrapper"), gym.Wrapper, "env_wrapper")
+    if not values.get("frame_stack"):
+        return wrappers
+    n_frames = _positive(values["frame_stack"], "frame_stack")
+    return (*wrappers, Component("sb3_stereo.envs.wrappers.StackFrames", {"n_frames": n_frames}))
+
+
 def _as_map(values: Mapping[str, Any], key: str) -> dict[str, Any]:
     value = values.get(key)
+    if isinstance(value, str):
+        try:
+            value = parse_map(value)
+        except ValueError as error:
+            raise ConfigError(f"{key} must be a map: {error}; write it as YAML, {key}: {{name: value}}") from error
     if not isinstance(value, Mapping | None):
-        raise ConfigError(f"{key} must be a map, got {value!r}; YAML is data and nothing in it is evaluated")
+        raise ConfigError(f"{key} must be a map, got {value!r}")
     return dict(value or {})
 
 
@@ -261,15 +284,27 @@ def _noise(values: Mapping[str, Any], algo_class: Any) -> dict[str, Any]:
         raise unknown("noise_type", noise_type, NOISE_TYPES)
     if "noise_std" not in values:
         raise ConfigError(f"noise_type '{noise_type}' needs noise_std; add it, as in noise_std: 0.3")
-    return {"noise_type": noise_type, "noise_std": float(coerce(values["noise_std"], float, "noise_std"))}
+    noise_std = float(coerce(values["noise_std"], float, "noise_std"))
+    limits.check("noise_std", noise_std, "noise_std")
+    return {"noise_type": noise_type, "noise_std": noise_std}
 
 
 def _algo_kwargs(algo_class: Any, kwargs: dict[str, Any]) -> dict[str, Any]:
     for key in SCHEDULES:
         value = kwargs.get(key)
-        if isinstance(value, str) and not re.fullmatch(r"lin_[\d.eE+-]+", value):
-            raise ConfigError(f"{key} must be a number or 'lin_<number>', got {value!r}")
+        if isinstance(value, str):
+            limits.check(key, _linear(value, key), key)
+    if "replay_buffer_kwargs" in kwargs:
+        kwargs["replay_buffer_kwargs"] = _as_map(kwargs, "replay_buffer_kwargs")
     return check_kwargs(algo_class, kwargs, algo_class.__name__)
+
+
+def _linear(value: str, key: str) -> float:
+    """The number that a schedule `lin_<number>` starts from."""
+    try:
+        return float(value.removeprefix("lin_") if value.startswith("lin_") else "")
+    except ValueError as error:
+        raise ConfigError(f"{key} must be a number or 'lin_<number>', got {value!r}") from error
 
 
 def settings(config: Config) -> dict[str, Any]:

@@ -1,10 +1,12 @@
-"""Plain values against pydantic's dataclasses; what pydantic finds becomes the one sentence of our errors."""
+"""Plain values against pydantic's types; what pydantic finds becomes the one sentence of our errors."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
 
 from sb3_stereo.errors import ConfigError, unknown
 
@@ -75,3 +77,34 @@ def _sentence(error: ValidationError, name: str) -> ConfigError:
     if wanted is None:
         return ConfigError(f"{place}: {first['msg']}, got {first['input']!r}")
     return ConfigError(f"{place} must be {wanted.format(**context)}, got {first['input']!r}")
+
+
+def check_limits(value: Any, limits: Any, name: str) -> None:
+    """Check a number against pydantic's `Field(ge=..., le=...)`.
+
+    Raises:
+        ConfigError: If it is outside, or not finite.
+    """
+    try:
+        _adapter(Annotated[float, limits]).validate_python(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        wanted = (_WANTED.get(first["type"]) or _WANTED["finite"]).format(**first.get("ctx", {}))
+        raise ConfigError(f"{name} must be {wanted}, got {value!r}") from error
+
+
+def fits(value: Any, hint: Any) -> bool:
+    """Whether a plain value is one of a type that is made of numbers, texts, lists and maps.
+
+    As JSON it has one kind of list, like YAML, and a date is nothing in it.
+    """
+    try:
+        _adapter(hint).validate_json(json.dumps(value), strict=True)
+    except (ValidationError, TypeError, ValueError):
+        return False
+    return True
+
+
+@cache
+def _adapter(hint: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(hint, config=ConfigDict(allow_inf_nan=False))

@@ -1,22 +1,18 @@
 """Plain values from YAML files and from `key:value` arguments; nothing in them is evaluated."""
 
-import re
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from sb3_stereo.envs import plain_yaml
 from sb3_stereo.errors import ConfigError, unknown
-
-_SCIENTIFIC = re.compile(r"[+-]?\d+(\.\d*)?[eE][+-]?\d+")  # 1e-3, which YAML 1.1 reads as a text
 
 
 def read_hyperparams(algo: str, env_id: str, conf_file: str | Path | None = None) -> dict[str, Any]:
     """Return the map for one environment from a YAML file, by default our own for the algorithm."""
-    source = Path(conf_file) if conf_file else resources.files("sb3_stereo.hyperparams") / f"{algo}.yml"
-    if not source.is_file():
+    source = Path(conf_file).expanduser() if conf_file else resources.files("sb3_stereo.hyperparams") / f"{algo}.yml"
+    if not _is_file(source):
         way_out = "give an existing file with -conf" if conf_file is None else "check the path given with -conf"
         raise ConfigError(f"no hyper-parameter file '{source if conf_file else algo + '.yml'}'; {way_out}")
     content = read_yaml(source)
@@ -28,6 +24,13 @@ def read_hyperparams(algo: str, env_id: str, conf_file: str | Path | None = None
     return {str(key): value for key, value in values.items()}
 
 
+def _is_file(source: Any) -> bool:
+    try:
+        return bool(source.is_file())
+    except (OSError, ValueError):  # no path: too long, or with a NUL in it
+        return False
+
+
 def read_yaml(source: Any) -> Any:
     """Return what is in an existing YAML file; `1e-3` is a number.
 
@@ -35,12 +38,14 @@ def read_yaml(source: Any) -> Any:
         source: The file, as a path or a package's resource.
 
     Raises:
-        ConfigError: If it is not plain YAML.
+        ConfigError: If it cannot be read, or is not plain YAML.
     """
     try:
-        return _numbers(yaml.safe_load(source.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"'{source}' is not plain YAML: {' '.join(str(error).split())}") from error
+        return plain_yaml.read(source)
+    except OSError as error:
+        raise ConfigError(f"cannot read '{source}' ({error.strerror}); make it readable") from error
+    except ValueError as error:
+        raise ConfigError(f"'{source}' is not plain YAML: {error}") from error
 
 
 def parse_assignments(assignments: Sequence[str] | None) -> dict[str, Any]:
@@ -55,19 +60,10 @@ def parse_assignments(assignments: Sequence[str] | None) -> dict[str, Any]:
         if not colon or not key:
             raise ConfigError(f"'{assignment}' is not of the form key:value, as in learning_starts:100")
         try:
-            values[key] = _numbers(yaml.safe_load(text))
-        except yaml.YAMLError as error:
-            raise ConfigError(f"the value of '{assignment}' is not YAML; quote it") from error
+            values[key] = plain_yaml.parse(text)
+        except ValueError as error:
+            raise ConfigError(f"the value of '{assignment}' is not YAML ({error}); quote it") from error
     return values
-
-
-def _numbers(value: Any) -> Any:
-    """Read texts such as 1e-3 as the numbers that they are meant to be, at any depth."""
-    if isinstance(value, Mapping):
-        return {key: _numbers(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_numbers(item) for item in value]
-    return float(value) if isinstance(value, str) and _SCIENTIFIC.fullmatch(value) else value
 
 
 def override_all(values: Mapping[str, Any], params: Mapping[str, Any] | None) -> dict[str, Any]:

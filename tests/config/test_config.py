@@ -96,8 +96,9 @@ ERRORS = [
         "'Nothing'); the form is package.module.Class",
     ),
     (
-        {"policy_kwargs": "dict(net_arch=[64])"},
-        "policy_kwargs must be a map, got 'dict(net_arch=[64])'; YAML is data and nothing in it is evaluated",
+        {"policy_kwargs": "dict(net_arch=[64], activation_fn=os.system('true'))"},
+        "policy_kwargs must be a map: 'os.system('true')' is neither a constant nor a class of torch; "
+        "write it as YAML, policy_kwargs: {name: value}",
     ),
     (
         {"policy_kwargs": {"n_critic": 1}},
