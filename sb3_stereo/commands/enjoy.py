@@ -22,7 +22,7 @@ from sb3_stereo.commands.flags import (
     run_command,
 )
 from sb3_stereo.console import command_line
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.errors import ConfigError, setting_up
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -143,7 +143,7 @@ def enjoy_command(args: argparse.Namespace) -> int:
     """Load a run, play it and print its success."""
     runtime.tune_allocator()
     from sb3_stereo.building.factory import make_env
-    from sb3_stereo.config.schema import check_env_id
+    from sb3_stereo.config.schema import check_env_id, check_env_kwargs
     from sb3_stereo.config.values import parse_assignments
     from sb3_stereo.runs.directory import find_run, import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
@@ -162,8 +162,10 @@ def enjoy_command(args: argparse.Namespace) -> int:
     print(f"Loading {path}")
     model = load_model(config, path, args.device, args.trust)
     render_mode = {"render_mode": "human"} if window else {}
-    env_kwargs = {**config.env_kwargs, **parse_assignments(args.env_kwargs), **render_mode}
-    env = make_env(config.env_id, env_kwargs, config.env_wrapper)()
+    given = {**config.env_kwargs, **parse_assignments(args.env_kwargs)}
+    env_kwargs = {**check_env_kwargs(config.env_id, given), **render_mode}
+    with setting_up(config.env_id):
+        env = make_env(config.env_id, env_kwargs, config.env_wrapper)()
     try:
         with watched(env, window, args.video, args.zoom) as watched_env:
             episodes = play(model, watched_env, n_timesteps, args.seed, not args.stochastic, n_episodes)

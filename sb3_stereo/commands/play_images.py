@@ -31,7 +31,6 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "sources",
-        type=path,
         metavar="LEFT RIGHT",
         nargs="+",
         help="per view an image, a folder of images or a camera's index",

@@ -212,8 +212,9 @@ def import_packages(names: Any) -> None:
     for name in names:
         try:
             import_module(name)
-        except ImportError as error:
-            raise ConfigError(f"cannot import the package '{name}' ({error}); check --gym-packages") from error
+        except (Exception, SystemExit) as error:  # whatever a package does when it is imported
+            reason = f"{type(error).__name__}: {error}" if not isinstance(error, ImportError) else str(error)
+            raise ConfigError(f"cannot import the package '{name}' ({reason}); check --gym-packages") from error
 
 
 def checkpoint_steps(run: Path) -> list[int]:
