@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import fake_reach
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
-from sb3_stereo.envs.wrappers import QuantizedActions, WatchedPulses
+from sb3_stereo.envs.wrappers import QuantizedActions, StackFrames, WatchedPulses
 
 
 class Echo(gym.Env[np.ndarray, np.ndarray]):
@@ -72,3 +74,21 @@ def test_pulses_that_cannot_be_watched_are_explained(env: Any) -> None:
         with pytest.raises(ValueError) as refusal:
             WatchedPulses(env, print, n_parts)  # type: ignore[arg-type]
         assert str(refusal.value) == f"n_parts is {n_parts}; give an integer of at least 1"
+
+
+def test_stacked_frames_are_those_of_sb3s_vec_frame_stack() -> None:
+    def make() -> gym.Env[Any, Any]:
+        return gym.make(fake_reach.ENV_ID)
+
+    ours, theirs = StackFrames(make(), n_frames=3), VecFrameStack(DummyVecEnv([make]), 3)
+    assert ours.observation_space == theirs.observation_space
+    theirs.seed(1)
+    np.testing.assert_array_equal(ours.reset(seed=1)[0], theirs.reset()[0])
+    for action in np.linspace(-0.3, 0.3, 4, dtype=np.float32):
+        observation = ours.step(np.full(4, action))[0]
+        np.testing.assert_array_equal(observation, theirs.step(np.full((1, 4), action))[0][0])
+
+
+def test_frames_that_are_no_images_are_refused() -> None:
+    with pytest.raises(ValueError, match="^StackFrames stacks at least one image, got n_frames 2 of Box"):
+        StackFrames(gym.make("Pendulum-v1"), 2)
