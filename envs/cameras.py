@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require, require_known
+from sb3_stereo.envs.specs import fit_fields, from_map, plain, quoted, read_yaml, require, require_known
 
 Vector = tuple[float, float, float]
 Frame = NDArray[np.uint8]
@@ -89,6 +89,12 @@ class CameraSpec:
         matrix[9] += 1 / self.height
         return tuple(matrix)
 
+    @property
+    def scale(self) -> float:
+        """Pixels per metre at the point in the middle of the picture."""
+        distance = math.dist(self.position, self.target)
+        return self.width / (2 * distance * math.tan(self.horizontal_fov / 2))
+
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where world points appear in the frame.
 
@@ -105,40 +111,67 @@ class CameraSpec:
         return np.asarray((np.array([1.0, -1.0]) * device + 1.0) / 2 * np.array([self.width, self.height]) - shift)
 
 
-def stereo_pair(distance: float = 4.0, elevation: float = math.radians(15)) -> tuple[CameraSpec, CameraSpec]:
+def stereo_pair(
+    distance: float = 4.0, elevation: float = math.radians(15), **fields: Any
+) -> tuple[CameraSpec, CameraSpec]:
     """Two cameras in front of the arm, 90 degrees apart: their mean pixel distance follows the distance in space.
 
     Args:
         distance: To the point that both look at, in [m]. At 4 m a pixel there is 14.4 mm wide, so the goal's 10
             pixels are about 14 cm; much nearer cameras make goals too rare to be found by chance.
         elevation: Above the horizon, in [rad].
+        fields: Further ones of both `CameraSpec`s; their target is on the z axis.
     """
-    ground, height = distance * math.cos(elevation), CameraSpec.target[2] + distance * math.sin(elevation)
+    ground = distance * math.cos(elevation)
+    height = fields.get("target", CameraSpec.target)[2] + distance * math.sin(elevation)
     side = ground * math.sqrt(0.5)
-    return CameraSpec("left", (side, side, height)), CameraSpec("right", (side, -side, height))
+    return CameraSpec("left", (side, side, height), **fields), CameraSpec("right", (side, -side, height), **fields)
 
 
 STEREO_PAIR = stereo_pair()
+# The workspace fills the picture, 7.5 mm per pixel. From twice the distance the scale varies half as much between the
+# near and the far end of the workspace, so that a distance in pixels is nearly the same in space anywhere.
+CLOSE_PAIR = stereo_pair(8.0, target=(0.0, 0.0, 0.55), horizontal_fov=0.298, near=5.0, far=11.0)
+FRAMINGS = {"wide": STEREO_PAIR, "close": CLOSE_PAIR}
 
 
-def camera_specs(cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str) -> tuple[CameraSpec, ...]:
-    """Return cameras that are given as themselves, as maps of their fields, by their names in `STEREO_PAIR`, or by the
-    path of a YAML file with a list of these.
+def camera_specs(
+    cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str, framing: str = "wide"
+) -> tuple[CameraSpec, ...]:
+    """Return cameras that are given as themselves, as maps of their fields, by their names in a pair, or by the path of
+    a YAML file with a list of these.
+
+    Args:
+        cameras: At least one.
+        framing: Of `FRAMINGS`, which pair the names are of.
+
+    Raises:
+        ValueError: If there is none, or a field is wrong.
+    """
+    require_known("framing", framing, FRAMINGS, "framings")
+    given = read_yaml(cameras, "camera") if isinstance(cameras, str) else cameras
+    require(isinstance(given, Sequence) and len(given) > 0, "no cameras; give at least one CameraSpec, or map of one")
+    pair = FRAMINGS[framing]
+    return tuple(_camera_spec(camera, f"camera {number}", pair) for number, camera in enumerate(given, start=1))
+
+
+def plain_cameras(cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str) -> list[Any]:
+    """Return cameras as maps of their fields, for a record; a name stays one, as the framing says whose it is.
 
     Raises:
         ValueError: If there is none, or a field is wrong.
     """
     given = read_yaml(cameras, "camera") if isinstance(cameras, str) else cameras
-    require(isinstance(given, Sequence) and len(given) > 0, "no cameras; give at least one CameraSpec, or map of one")
-    return tuple(_camera_spec(camera, f"camera {number}") for number, camera in enumerate(given, start=1))
+    specs = camera_specs(given)
+    return [name if isinstance(name, str) else plain(spec) for name, spec in zip(given, specs, strict=True)]
 
 
-def _camera_spec(camera: CameraSpec | Mapping[str, Any] | str, what: str) -> CameraSpec:
+def _camera_spec(camera: CameraSpec | Mapping[str, Any] | str, what: str, pair: Sequence[CameraSpec]) -> CameraSpec:
     if isinstance(camera, CameraSpec):
         return camera
     if not isinstance(camera, str):
         return from_map(CameraSpec, camera, what)
-    named = {spec.name: spec for spec in STEREO_PAIR}
+    named = {spec.name: spec for spec in pair}
     require_known("camera", camera, named, "those with a name")
     return named[camera]
 

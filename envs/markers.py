@@ -29,13 +29,18 @@ class Blobs(NamedTuple):
         return self.end_effector - self.target
 
 
+def no_blob() -> Centroid:
+    """Where a marker is that is hidden: nan, shape (2,)."""
+    return np.full(2, np.nan)
+
+
 def find_blobs(frame: Frame) -> Blobs:
     """Find the red (end effector) and the blue (target) blob.
 
     Args:
         frame: RGB or RGBA image, shape (height, width, 3 or 4), uint8.
     """
-    top, left, masks = _masks(frame)
+    top, left, masks = crop_masks(frame)
     return Blobs(*(_centroid(mask, left, top) for mask in masks))
 
 
@@ -45,14 +50,14 @@ def marker_masks(frame: Frame) -> tuple[Frame, Frame]:
     Args:
         frame: RGB or RGBA image, shape (height, width, 3 or 4), uint8.
     """
-    top, left, masks = _masks(frame)
+    top, left, masks = crop_masks(frame)
     whole = np.zeros((2, *frame.shape[:2]), np.uint8)
     height, width = masks[0].shape
     whole[:, top : top + height, left : left + width] = masks
     return whole[0], whole[1]
 
 
-def _masks(frame: Frame) -> tuple[int, int, tuple[Frame, Frame]]:
+def crop_masks(frame: Frame) -> tuple[int, int, tuple[Frame, Frame]]:
     """Top and left of a part of the frame that holds both markers, and where it is red and where blue."""
     rgba = frame if frame.shape[2] == 4 else np.asarray(cv2.cvtColor(frame, cv2.COLOR_RGB2RGBA), np.uint8)
     top, left, part = _where_green_may_be_dim(rgba)
@@ -81,5 +86,5 @@ def _centroid(mask: NDArray[Any], left: int, top: int) -> Centroid:
     x, y, width, height = cv2.boundingRect(mask)
     moments = cv2.moments(np.ascontiguousarray(mask[y : y + height, x : x + width]), binaryImage=True)
     if moments["m00"] < MIN_PIXELS:
-        return np.full(2, np.nan)
+        return no_blob()
     return np.array([left + x + moments["m10"] / moments["m00"], top + y + moments["m01"] / moments["m00"]])

@@ -22,10 +22,11 @@ from sb3_stereo.envs.arguments import (
     vector,
 )
 from sb3_stereo.envs.arm import Arm
-from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs, mirror_each_other
+from sb3_stereo.envs.cameras import Camera, CameraSpec, camera_specs, mirror_each_other, plain_cameras
 from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.lifecycle import SimulatedEnv
+from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.sight import Floats, Image
 from sb3_stereo.envs.specs import plain, quoted, require
@@ -49,8 +50,11 @@ class StereoReachEnv(SimulatedEnv):
         render_mode: None, "rgb_array" (all views side by side), or "human" (Bullet's window; needs a display).
         arm: The robot: an `ArmSpec`, a map of its fields, "wam", "kuka", "panda", or the path of a YAML file.
         cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or "left" and "right"
-            for those of the pair, any number of them; or the path of a YAML file with such a list. Goal and reward
-            are judged by the same views.
+            for those of the framing's pair, any number of them; or the path of a YAML file with such a list. Goal and
+            reward are judged by the same views.
+        framing: Which pair "left" and "right" are: "wide", or "close", where the workspace fills the picture.
+        markers: What marks end effector and target, and how an image tells where they are: a `MarkerSpec`, a map of
+            its fields, "solid" or "hollow".
         composite: How the views make an observation: "stack", "channels", "dict" or "markers", see
             `composite.Composite`.
         target_position: Of the target, in [m], world.
@@ -90,7 +94,9 @@ class StereoReachEnv(SimulatedEnv):
         render_mode: str | None = None,
         *,
         arm: ArmSpec | Mapping[str, Any] | str = WAM,
-        cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str = STEREO_PAIR,
+        cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str = ("left", "right"),
+        framing: str = "wide",
+        markers: MarkerSpec | Mapping[str, Any] | str = "solid",
         composite: str = "stack",
         target_position: Sequence[float] = (0.5, 0.0, 0.6),
         random_target: bool = False,
@@ -110,7 +116,8 @@ class StereoReachEnv(SimulatedEnv):
         rho, distance_scale = positive("rho", rho), positive("distance_scale", distance_scale)
         physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
         check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
-        spec, views = arm_spec(arm), camera_specs(cameras)
+        marks, views = marker_spec(markers), camera_specs(cameras, framing)
+        spec = marks.carried_by(arm_spec(arm))
         check_pictures(views)
         self._success_scale = success_scale(success_frame, views[0], rho)
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
@@ -133,6 +140,7 @@ class StereoReachEnv(SimulatedEnv):
         self._world = World(
             spec,
             views,
+            marks,
             physics_rate=physics_rate,
             weightless=gravity_compensation,
             floor=floor,
@@ -151,8 +159,10 @@ class StereoReachEnv(SimulatedEnv):
         resolved = dict(kwargs)
         if "arm" in kwargs and not (isinstance(kwargs["arm"], str) and kwargs["arm"] in ARMS):
             resolved["arm"] = plain(arm_spec(kwargs["arm"]))
+        if "markers" in kwargs and not isinstance(kwargs["markers"], str):
+            resolved["markers"] = plain(marker_spec(kwargs["markers"]))
         if "cameras" in kwargs:
-            resolved["cameras"] = plain(camera_specs(kwargs["cameras"]))
+            resolved["cameras"] = plain_cameras(kwargs["cameras"])
         return resolved
 
     @property
@@ -352,6 +362,7 @@ class StereoReachEnv(SimulatedEnv):
             "pixel_distances": self._sight.distances.copy(),
             "pixel_offsets": self._sight.offsets.copy(),
             "joint_positions": self.arm.joint_positions,
+            "distance": float(np.linalg.norm(self._sight.end_effector_position - self._target_position)),
             "end_effector_position": self._sight.end_effector_position,
             "target_position": self._target_position.copy(),
         }

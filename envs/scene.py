@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pybullet
+from numpy.typing import NDArray
 
 from sb3_stereo.envs.cameras import Camera
 from sb3_stereo.envs.simulation import Client
@@ -48,3 +50,43 @@ def add_ball(client: Any, colour: tuple[float, ...], radius: float) -> int:
     """Add a ball that touches nothing, its radius in [m], and return its body."""
     shape = client.createVisualShape(pybullet.GEOM_SPHERE, radius=radius, rgbaColor=colour)
     return int(client.createMultiBody(baseVisualShapeIndex=shape))
+
+
+def add_hollow_ball(client: Any, colour: tuple[float, ...], radius: float) -> int:
+    """Add a ball of which only the inside is drawn: TinyRenderer skips what it would see from behind.
+
+    Its image is that of a ball with what is within it, or in front of its far side, drawn over it. It touches nothing.
+
+    Args:
+        client: Where it is added.
+        colour: RGBA, from 0 to 1.
+        radius: In [m].
+
+    Returns:
+        The body.
+    """
+    points, triangles = _sphere()
+    shape = client.createVisualShape(
+        pybullet.GEOM_MESH,
+        vertices=(radius * points).tolist(),
+        indices=triangles[:, ::-1].ravel().tolist(),  # in this order their fronts are inside
+        normals=(-points).tolist(),
+        uvs=[(0.0, 0.0)] * len(points),  # without them Bullet ignores the normals
+        rgbaColor=colour,
+    )
+    return int(client.createMultiBody(baseVisualShapeIndex=shape))
+
+
+def _sphere(n_parallels: int = 16, n_meridians: int = 32) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points on the unit sphere (n, 3), and triangles between them (m, 3), their fronts outside."""
+    polar, azimuth = np.meshgrid(
+        np.linspace(0, np.pi, n_parallels + 1), np.linspace(0, 2 * np.pi, n_meridians, endpoint=False), indexing="ij"
+    )
+    points = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
+    numbers = np.arange(points.shape[0] * n_meridians).reshape(-1, n_meridians)
+    above, below = numbers[:-1], numbers[1:]
+    beside, below_beside = np.roll(above, -1, axis=1), np.roll(below, -1, axis=1)
+    triangles = np.concatenate(
+        [np.stack([above, below, beside], axis=-1), np.stack([beside, below, below_beside], axis=-1)]
+    )
+    return points.reshape(-1, 3), triangles.reshape(-1, 3)

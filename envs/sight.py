@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera
-from sb3_stereo.envs.markers import find_blobs
-from sb3_stereo.envs.scene import BLUE, RED, add_ball
+from sb3_stereo.envs.marker_specs import MEASURES, MarkerSpec
+from sb3_stereo.envs.markers import Blobs
+from sb3_stereo.envs.scene import BLUE, RED, add_ball, add_hollow_ball
 from sb3_stereo.envs.simulation import Client
 
 Floats = NDArray[np.float64]
@@ -45,11 +46,20 @@ class Eyes:
         client: Where the markers are added.
         cameras: One per view.
         arm: Whose end effector is marked in red.
+        markers: What they are, and how they are measured.
     """
 
-    def __init__(self, client: Client, cameras: Sequence[Camera], arm: Arm) -> None:
+    def __init__(self, client: Client, cameras: Sequence[Camera], arm: Arm, markers: MarkerSpec) -> None:
         self._client, self._cameras, self._arm = client, cameras, arm
-        self.markers = tuple(add_ball(client, colour, arm.spec.marker_radius) for colour in (RED, BLUE))
+        add_target = add_hollow_ball if markers.hollow_target else add_ball
+        self.radii = radii = arm.spec.marker_radius, markers.target_radius or arm.spec.marker_radius  # [m]
+        self.markers = add_ball(client, RED, radii[0]), add_target(client, BLUE, radii[1])
+        self._measure = MEASURES[markers.measure]
+        self._radii = [(radii[0] * camera.spec.scale, radii[1] * camera.spec.scale) for camera in cameras]
+
+    def find(self, view: int, frame: Image) -> Blobs:
+        """Where the markers are in a frame of a view, RGB or RGBA, shape (height, width, 3 or 4), uint8."""
+        return self._measure(frame, self._radii[view])
 
     def look(self, target_position: Floats) -> Sight:
         """Take the frames and measure the markers' offset in each.
@@ -59,7 +69,7 @@ class Eyes:
         """
         position = self._place_markers(target_position)
         # Each frame is measured while the processor's cache still holds it.
-        views = [(frame, find_blobs(frame).offset) for frame in map(Camera.frame, self._cameras)]
+        views = [(frame, self.find(n, frame).offset) for n, frame in enumerate(map(Camera.frame, self._cameras))]
         return Sight(tuple(frame for frame, _ in views), np.array([offset for _, offset in views]), position)
 
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
@@ -70,6 +80,10 @@ class Eyes:
     def _place_markers(self, target_position: Floats) -> Floats:
         """Put the red marker where the end effector is, which is returned, and the blue one at the target."""
         end_effector_position = self._arm.end_effector_position
-        for ball, position in zip(self.markers, (end_effector_position, target_position), strict=True):
-            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
+        self.place_markers(end_effector_position, target_position)
         return end_effector_position
+
+    def place_markers(self, *positions: Floats) -> None:
+        """Put the red marker at the first and the blue one at the second position, (3,) in [m], world."""
+        for ball, position in zip(self.markers, positions, strict=True):
+            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))

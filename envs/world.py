@@ -12,6 +12,7 @@ import pybullet
 
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera, CameraSpec
+from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.mirror import mirrored_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import add_floor, empty_world
@@ -29,6 +30,7 @@ class World:
     Args:
         arm_spec: The robot.
         views: The cameras.
+        markers: What marks end effector and target.
         physics_rate: Simulation steps per second, in [Hz].
         weightless: Without gravity.
         floor: Draw the floor. It is solid in any case.
@@ -38,6 +40,7 @@ class World:
 
     arm_spec: ArmSpec
     views: tuple[CameraSpec, ...]
+    markers: MarkerSpec
     physics_rate: float
     weightless: bool
     floor: bool
@@ -54,7 +57,7 @@ class World:
         if self.damping is not None:
             self.arm.set_damping(self.damping)
         self.mirrored_joints = mirrored_joints(self.arm)
-        self.eyes = Eyes(client, self.cameras, self.arm)
+        self.eyes = Eyes(client, self.cameras, self.arm, self.markers)
         self._start = client.saveState()
         self._saved: WeakKeyDictionary[object, int] = WeakKeyDictionary()
 

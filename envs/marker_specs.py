@@ -1,0 +1,75 @@
+"""What the markers of end effector and target are, and how an image tells where they are."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.circles import find_circles
+from sb3_stereo.envs.markers import Blobs, find_blobs
+from sb3_stereo.envs.robots import ArmSpec
+from sb3_stereo.envs.specs import fit_fields, from_map, require, require_known
+
+Finder = Callable[[NDArray[np.uint8], tuple[float, float]], Blobs]  # of a frame, and of how large the balls look [px]
+MEASURES: dict[str, Finder] = {"centroid": lambda frame, radii: find_blobs(frame), "circle": find_circles}
+
+
+@dataclass(frozen=True)
+class MarkerSpec:
+    """The two balls that mark end effector and target.
+
+    Attributes:
+        measure: "centroid", the mean pixel of what is visible, as in the paper, or "circle", the centre of the circle
+            through the visible rim.
+        end_effector_radius: In [m]; None for the arm's `marker_radius`.
+        target_radius: In [m]; None for the end effector's.
+        standoff: How far the red ball is in front of the arm's `end_effector_offset`, along the z axis of the
+            end effector's link, in [m]: so far does it stick out of the hand.
+        hollow_target: Draw the inside of the target's ball only, its far half as seen from any camera. A ball of the
+            end effector that is within it, or in front of it, then stays visible as a whole.
+
+    Raises:
+        ValueError: If a value makes no marker.
+    """
+
+    measure: str = "centroid"
+    end_effector_radius: float | None = None
+    target_radius: float | None = None
+    standoff: float = 0.0
+    hollow_target: bool = False
+
+    def __post_init__(self) -> None:
+        fit_fields(self, "markers")
+        require_known("measure of markers", self.measure, MEASURES, "measures")
+        for name in ("end_effector_radius", "target_radius"):
+            radius = getattr(self, name)
+            require(radius is None or radius > 0, f"markers: {name} is {radius}; give a positive number")
+
+    def carried_by(self, arm: ArmSpec) -> ArmSpec:
+        """The arm with the end effector's marker where and as large as it is here."""
+        x, y, z = arm.end_effector_offset
+        radius = arm.marker_radius if self.end_effector_radius is None else self.end_effector_radius
+        return replace(arm, end_effector_offset=(x, y, z + self.standoff), marker_radius=radius)
+
+
+SOLID = MarkerSpec()
+# Measured (docs/environment.md): two radii as small as 320 x 240 frames allow, 4.7 and 6 px, and as near to each other
+# as lets the rim of the target be seen around the end effector. Further out the hand hides the ball no less often.
+HOLLOW = MarkerSpec("circle", end_effector_radius=0.035, target_radius=0.045, standoff=0.09, hollow_target=True)
+MARKERS = {"solid": SOLID, "hollow": HOLLOW}
+
+
+def marker_spec(markers: MarkerSpec | Mapping[str, Any] | str) -> MarkerSpec:
+    """Return markers that are given as themselves, as a map of their fields, or by a name in `MARKERS`.
+
+    Raises:
+        ValueError: If there are none, or a field is wrong.
+    """
+    if isinstance(markers, MarkerSpec):
+        return markers
+    if isinstance(markers, str):
+        require_known("markers", markers, MARKERS, "markers")
+        return MARKERS[markers]
+    return from_map(MarkerSpec, markers, "markers")
