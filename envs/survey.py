@@ -37,7 +37,7 @@ class Survey:
             shell of that colour. (What hides half a marker moves its blob less.)
         mirrored_joints: Joints whose sign the mirror image through y = 0 changes; None if no choice mirrors the arm.
         unlikeness: How much pictures of mirrored poses differ from mirrored pictures, where 1 is what two random poses
-            differ by; NaN without mirrored joints.
+            differ by; NaN without mirrored joints, or where no two poses differ.
     """
 
     joints: tuple[str, ...]
@@ -145,7 +145,8 @@ def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: li
 
     images = np.array([views(pose) for pose in poses])  # (n_poses, n_views, height, width)
     mirrored = np.array([views(pose * signs) for pose in poses])[:, ::-1, :, ::-1]
-    return float(np.abs(images - mirrored).mean() / np.abs(images - np.roll(images, 1, axis=0)).mean())
+    apart = np.abs(images - np.roll(images, 1, axis=0)).mean()
+    return float(np.abs(images - mirrored).mean() / apart) if apart else float("nan")  # one pose, or out of sight
 
 
 def describe(result: Survey) -> str:
