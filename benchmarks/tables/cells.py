@@ -79,7 +79,8 @@ def write(record: Path, lines: Iterable[dict[str, str]]) -> None:
     lines = sorted(lines, key=lambda line: (int(line["seed"]), int(line["timesteps"])))
     record.parent.mkdir(parents=True, exist_ok=True)
     with replacing(record) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(lines[0]), lineterminator="\n")
+        columns = dict.fromkeys(column for line in reversed(lines) for column in line)  # older lines have fewer
+        writer = csv.DictWriter(file, fieldnames=list(columns), restval="nan", lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
 

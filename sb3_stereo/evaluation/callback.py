@@ -1,6 +1,7 @@
 """Score the agent on the test poses while it learns."""
 
 import csv
+import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -127,11 +128,15 @@ class PoseEvalCallback(BaseCallback):
 
 
 def append_row(path: Path, row: dict[str, Any]) -> None:
-    """Append one row to a CSV file, with a header if the file is new."""
-    is_new = not path.exists()
+    """Append one row to a CSV file, with a header if the file is new.
+
+    A file that another version has begun keeps its columns.
+    """
+    known = path.read_text(encoding="utf-8").splitlines()[:1] if path.exists() else []
     with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(row))
-        if is_new:
+        columns = known[0].split(",") if known else list(row)
+        writer = csv.DictWriter(file, fieldnames=columns, restval="nan", extrasaction="ignore")
+        if not known:
             writer.writeheader()
         writer.writerow(row)
 
@@ -140,7 +145,9 @@ def describe(result: Evaluation) -> str:
     """Return a score as a phrase a person can read."""
     reached = int(result.success.sum())
     steps = f", {result.mean_steps_success:.2f} steps on average" if reached else ""
+    near = result.median_distance_success
+    space = "" if math.isnan(near) else f", a median of {100 * near:.1f} cm from it"
     return (
-        f"reached the target from {reached} of {result.n_poses} poses ({100 * result.success_rate:.0f} %){steps}, "
-        f"{result.mean_steps_capped:.2f} with failures counted as the cap"
+        f"reached the target from {reached} of {result.n_poses} poses ({100 * result.success_rate:.0f} %){space}"
+        f"{steps}, {result.mean_steps_capped:.2f} with failures counted as the cap"
     )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 N_TEST_POSES = 100  # the paper, section 5.2
+NEAR = 0.05  # [m], what panda-gym and Gymnasium-Robotics' FetchReach count as reached
 Start = Mapping[str, Any]  # keyword arguments of one `env.reset`
 
 
@@ -37,10 +38,16 @@ class Evaluation:
         n_poses: Number of starts.
         mean_action: Mean |action| over all visited states, 1 if saturated; NaN for discrete actions.
         mean_q: Mean value that the critic gives to the actions taken.
+        median_distance_success: Distance in space of end effector and target at reached goals, the median [m]; NaN if
+            there was none, or the environment does not tell it.
+        p95_distance_success: Likewise, the 95th percentile [m].
+        within_5cm: Share of the starts from which the goal was reached with at most 5 cm left in space, 0 to 1; NaN
+            if the environment does not tell.
         success: Per start, whether the goal was reached.  # (n_poses,)
         steps: Per start, the episode's length.  # (n_poses,)
         pixel_distance: Per start, the final distance [px], NaN where undefined.  # (n_poses,)
         returns: Per start, the sum of rewards.  # (n_poses,)
+        distance: Per start, the final distance in space [m], NaN where it is not told.  # (n_poses,)
     """
 
     success_rate: float
@@ -51,10 +58,14 @@ class Evaluation:
     n_poses: int
     mean_action: float
     mean_q: float
+    median_distance_success: float
+    p95_distance_success: float
+    within_5cm: float
     success: np.ndarray
     steps: np.ndarray
     pixel_distance: np.ndarray
     returns: np.ndarray
+    distance: np.ndarray
 
     def scores(self) -> dict[str, float]:
         """Return the numbers without the arrays."""
@@ -69,6 +80,7 @@ def summarise(
     max_steps: int,
     mean_action: float = np.nan,
     mean_q: float = np.nan,
+    distance: np.ndarray | None = None,
 ) -> Evaluation:
     """Turn per-start records into scores.
 
@@ -80,8 +92,12 @@ def summarise(
         max_steps: What a failure counts in `mean_steps_capped`.
         mean_action: Passed on.
         mean_q: Passed on.
+        distance: Final distances in space [m], NaN where the environment does not tell.  # (n_poses,)
     """
     success = np.asarray(success, dtype=bool)
+    distance = np.full(len(success), np.nan) if distance is None else np.asarray(distance, dtype=float)
+    reached = distance[success & ~np.isnan(distance)]
+    told = not np.isnan(distance).all()
     return Evaluation(
         success_rate=float(success.mean()),
         mean_steps_success=nan_mean(np.where(success, steps, np.nan)),
@@ -91,10 +107,14 @@ def summarise(
         n_poses=len(success),
         mean_action=mean_action,
         mean_q=mean_q,
+        median_distance_success=float(np.median(reached)) if reached.size else float("nan"),
+        p95_distance_success=float(np.quantile(reached, 0.95)) if reached.size else float("nan"),
+        within_5cm=float(np.sum(reached <= NEAR) / len(success)) if told else float("nan"),
         success=success,
         steps=np.asarray(steps),
         pixel_distance=np.asarray(pixel_distance),
         returns=np.asarray(returns),
+        distance=distance,
     )
 
 
@@ -226,7 +246,7 @@ class _Scoring:
         self.counts = counts
         self.finished = [0] * len(counts)
         self.current = [(0, 0.0)] * len(counts)  # steps and return of the running episodes
-        self.records: dict[int, tuple[bool, int, float, float]] = {}
+        self.records: dict[int, tuple[bool, int, float, float, float]] = {}
         self.actions: list[float] = []
         self.q_values: list[float] = []
 
@@ -239,9 +259,10 @@ class _Scoring:
                 self._record(i, float(rewards[i]), bool(dones[i]), infos[i])
             progress(len(self.records))
         columns = zip(*(self.records[i] for i in sorted(self.records)), strict=True)
-        success, steps, distance, returns = (np.array(column) for column in columns)
+        success, steps, pixels, returns, distance = (np.array(column) for column in columns)
         cap = self.env.get_attr("spec")[0].max_episode_steps or int(steps.max())
-        return summarise(success, steps, distance, returns, cap, nan_mean(self.actions), nan_mean(self.q_values))
+        mean_action, mean_q = nan_mean(self.actions), nan_mean(self.q_values)
+        return summarise(success, steps, pixels, returns, cap, mean_action, mean_q, distance)
 
     def _act(self, i: int, observation: Any) -> Any:
         """Act on one state alone: a batch of another size would round differently."""
@@ -258,9 +279,10 @@ class _Scoring:
         self.current[i] = (steps + 1, total + reward)
         if not done:
             return
-        distance = nan_mean(info.get("pixel_distances", ()))
+        pixels = nan_mean(info.get("pixel_distances", ()))
+        success, distance = bool(info.get("is_success", False)), float(info.get("distance", np.nan))
         index = i + len(self.counts) * self.finished[i]  # the shares are every n-th start
-        self.records[index] = (bool(info.get("is_success", False)), *self.current[i][:1], distance, total + reward)
+        self.records[index] = (success, steps + 1, pixels, total + reward, distance)
         self.finished[i] += 1
         self.current[i] = (0, 0.0)
 

@@ -62,6 +62,40 @@ def test_metrics_of_four_episodes_worked_out_by_hand() -> None:
     )
 
 
+def test_distances_in_space_are_those_at_the_goal() -> None:
+    success, nothing = np.array([True] * 5 + [False]), np.zeros(6)
+    distance = np.array([0.01, 0.02, 0.03, 0.04, 0.06, 0.001])
+    result = summarise(success, nothing + 2, nothing, nothing, max_steps=30, distance=distance)
+    assert result.median_distance_success == pytest.approx(0.03)
+    assert result.p95_distance_success == pytest.approx(0.04 + 0.8 * 0.02)
+    assert result.within_5cm == pytest.approx(4 / 6)
+    assert describe(result) == (
+        "reached the target from 5 of 6 poses (83 %), a median of 3.0 cm from it, 2.00 steps on average, "
+        "6.67 with failures counted as the cap"
+    )
+    none = summarise(~success[:5], nothing[:5], nothing[:5], nothing[:5], max_steps=30, distance=distance[:5])
+    assert np.isnan([none.median_distance_success, none.p95_distance_success]).all() and none.within_5cm == 0
+
+
+def test_an_environment_that_tells_no_distance_in_space_has_none() -> None:
+    result = summarise(np.array([True]), np.array([2]), np.array([4.0]), np.array([1.0]), max_steps=30)
+    assert np.isnan(result.distance).all()
+    assert np.isnan([result.median_distance_success, result.p95_distance_success, result.within_5cm]).all()
+
+
+def test_a_file_of_scores_keeps_the_columns_it_was_begun_with(tmp_path: Path) -> None:
+    file = tmp_path / "evaluations.csv"
+    append_row(file, {"timesteps": 1, "old": 2})
+    append_row(file, {"timesteps": 3, "new": 4})
+    assert file.read_text().splitlines() == ["timesteps,old", "1,2", "3,nan"]
+
+
+def test_the_final_distance_in_space_is_the_environments() -> None:
+    result = score(-1.0, [1.1, 0.6])  # each step moves J1 by -0.5
+    np.testing.assert_allclose(result.distance, [0.1, 0.1])
+    assert result.median_distance_success == pytest.approx(0.1) and result.within_5cm == 0
+
+
 def test_without_a_success_its_mean_steps_are_undefined() -> None:
     result = summarise(np.array([False]), np.array([30]), np.array([np.nan]), np.array([0.0]), max_steps=30)
     assert np.isnan(result.mean_steps_success)

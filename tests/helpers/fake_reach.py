@@ -49,7 +49,12 @@ class FakeReachEnv(gym.Env[np.ndarray, np.ndarray]):
         is_success = bool(abs(self.joints[0]) <= self.tolerance)
         offsets = np.array([[100 * self.joints[0], 0.0], [np.nan, np.nan]])
         distances = np.array([distance, np.nan])
-        return {"is_success": is_success, "pixel_distances": distances, "pixel_offsets": offsets}
+        return {
+            "is_success": is_success,
+            "pixel_distances": distances,
+            "pixel_offsets": offsets,
+            "distance": float(abs(self.joints[0])),
+        }
 
 
 if ENV_ID not in gym.registry:

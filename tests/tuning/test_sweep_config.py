@@ -68,7 +68,7 @@ ERRORS: list[tuple[dict[str, Any], str]] = [
         {"metric": {"name": "success_rate", "goal": "maximize"}},
         "unknown metric 'success_rate' (did you mean 'eval/success_rate'?); allowed are: eval/mean_action, "
         "eval/mean_pixel_distance, eval/mean_q, eval/mean_return, eval/mean_steps_capped, eval/mean_steps_success, "
-        "eval/success_rate",
+        "eval/median_distance_success, eval/p95_distance_success, eval/success_rate, eval/within_5cm",
     ),
     (
         {"metric": {"name": "eval/mean_q", "goal": "max"}},
