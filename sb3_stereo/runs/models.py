@@ -5,24 +5,25 @@ the weights are read from the zip, which `torch.load(weights_only=True)` does wi
 """
 
 import io
-import pickle
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_stereo.building.factory import make_env, make_model
 from sb3_stereo.config.schema import Config, algorithm
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.runs.archives import MIB, load_tensors, open_zip, read_member
 from sb3_stereo.runs.files import partial_path, publish, replacing, sha256
 from sb3_stereo.runs.training_state import variables
+from sb3_stereo.runs.weights import checked_state, checked_tensors
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 CHECKSUMS = "SHA256SUMS"  # for `sha256sum -c`
-MIB = 2**20
 
 
 def save_model(model: "BaseAlgorithm", path: Path) -> None:
@@ -67,7 +68,7 @@ def load_model(config: Config, path: Path, device: str = "auto", trust: bool = F
         model: BaseAlgorithm = algorithm(config.algo).load(path, device=device, buffer_size=1)
         return model
     model = untrained_model(config, device)
-    load_weights(model, path)
+    load_weights(model, path, optimizers=False)
     return model
 
 
@@ -83,41 +84,56 @@ def untrained_model(config: Config, device: str = "auto", seed: int | None = Non
         env.close()
 
 
-def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False) -> None:
+def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False, optimizers: bool = True) -> None:
     """Give a model the networks, optimizers and entropy coefficient of a saved one.
 
     Args:
         model: Of the same settings.
         path: The zip file.
         trust: Take a file without a checksum too. Nothing in it is run in either case.
+        optimizers: False reads the networks alone, which is all that acting needs.
 
     Raises:
         ConfigError: If the file is not what a run saved, or the networks are others.
     """
     if not trust:
         _check(path)
-    names = model._get_torch_save_params()[0]
-    # Adam keeps two numbers per weight; more than that is a zip bomb.
-    limit = 4 * sum(t.numel() * t.element_size() for t in model.policy.state_dict().values()) + MIB
     try:
-        with zipfile.ZipFile(path) as archive:
-            model.set_parameters({name: _read(archive, f"{name}.pth", limit) for name in names})
-            if learnt := variables(model):
-                saved = _read(archive, "pytorch_variables.pth", limit)
-                for name, variable in learnt.items():
-                    variable.data.copy_(saved[name])
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
+        with path.open("rb") as file, open_zip(file) as archive:
+            _load_parts(model, archive, optimizers)
+    except (OSError, zipfile.BadZipFile, ValueError, RuntimeError) as error:  # a ZipFile raises all of these
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"cannot load '{path}': {reason}; choose a model of the same settings") from error
 
 
-def _read(archive: zipfile.ZipFile, name: str, limit: int) -> Any:
-    import torch as th
+def _load_parts(model: "BaseAlgorithm", archive: zipfile.ZipFile, optimizers: bool) -> None:
+    """Read all parts, and change the model only if all are good."""
+    from torch.optim import Optimizer
 
-    size = archive.getinfo(name).file_size
-    if size > limit:
-        raise ValueError(f"'{name}' is of {size} bytes, and these networks need at most {limit}")
-    return th.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+    limit = 2 * _n_bytes(model.policy.state_dict()) + MIB  # what a tensor needs besides its numbers is in the MiB
+    owners = {name: attrgetter(name)(model) for name in model._get_torch_save_params()[0]}
+    states, learnt = {}, variables(model) if optimizers else {}
+    for name, owner in owners.items():
+        if isinstance(owner, Optimizer) and not optimizers:
+            continue
+        states[name] = checked_state(_read(archive, f"{name}.pth", 2 * limit), owner)  # Adam keeps 2 numbers a weight
+    saved = checked_tensors(_read(archive, "pytorch_variables.pth", MIB), learnt) if learnt else {}
+    for name, state in states.items():
+        owners[name].load_state_dict(state)
+    for name, variable in learnt.items():
+        variable.data.copy_(saved[name])
+
+
+def _read(archive: zipfile.ZipFile, name: str, limit: int) -> Any:
+    member = io.BytesIO(read_member(archive, name, limit))
+    try:
+        return load_tensors(member)
+    except ValueError as error:
+        raise ValueError(f"in '{name}': {error}") from error
+
+
+def _n_bytes(tensors: Mapping[str, Any]) -> int:
+    return sum(tensor.numel() * tensor.element_size() for tensor in tensors.values())
 
 
 def _check(path: Path) -> None:
