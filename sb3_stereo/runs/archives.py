@@ -64,14 +64,13 @@ def load_tensors(file: IO[bytes], max_index: int = MAX_INDEX) -> Any:
         file.seek(0)
         content = th.load(file, map_location="cpu", weights_only=True)
         _check_values(content)
-    except ValueError:
-        raise
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     except Exception as error:  # what damaged archives and pickles make zipfile, pickletools and torch raise
-        raise ValueError(
-            f"it is damaged ({str(error).strip().partition(chr(10))[0] or type(error).__name__})"
-        ) from error
+        if type(error) is ValueError:
+            raise
+        reason = str(error).strip() or type(error).__name__
+        raise ValueError(f"it is damaged ({reason.splitlines()[0]})") from error
     return content
 
 

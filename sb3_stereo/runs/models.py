@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from sb3_stereo.building.factory import make_env, make_model
 from sb3_stereo.config.schema import Config, algorithm
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.errors import ConfigError, setting_up
 from sb3_stereo.runs.archives import MIB, load_tensors, open_zip, read_member
 from sb3_stereo.runs.files import partial_path, publish, replacing, sha256
+from sb3_stereo.runs.memory import networks_of_at_most
 from sb3_stereo.runs.training_state import variables
 from sb3_stereo.runs.weights import checked_state, checked_tensors
 
@@ -64,11 +65,15 @@ def load_model(config: Config, path: Path, device: str = "auto", trust: bool = F
     Raises:
         ConfigError: If the file is not what the run saved, or does not go with the configuration.
     """
-    if trust:
-        model: BaseAlgorithm = algorithm(config.algo).load(path, device=device, buffer_size=1)
-        return model
-    model = untrained_model(config, device)
-    load_weights(model, path, optimizers=False)
+    model: BaseAlgorithm
+    with setting_up(f"the model '{path}'"):
+        if trust:
+            model = algorithm(config.algo).load(path, device=device, buffer_size=1)
+            return model
+        _check(path)
+        with networks_of_at_most(4 * path.stat().st_size + 64 * MIB, path):  # weights hardly compress
+            model = untrained_model(config, device)
+    load_weights(model, path, trust=True, optimizers=False)
     return model
 
 
@@ -77,6 +82,8 @@ def untrained_model(config: Config, device: str = "auto", seed: int | None = Non
     from stable_baselines3.common.vec_env import DummyVecEnv
 
     small = {"buffer_size": 1} if "buffer_size" in config.algo_kwargs else {}
+    if config.algo == "ppo":  # whose buffer is of n_steps
+        small = {"n_steps": 2, "batch_size": 2}
     env = DummyVecEnv([make_env(config.env_id, config.env_kwargs, config.env_wrapper)])
     try:
         return make_model(replace(config, algo_kwargs={**config.algo_kwargs, **small}), env, seed, device)

@@ -1,0 +1,222 @@
+"""Whatever a run directory from elsewhere holds: it is only read, in little memory, and refused in one sentence."""
+
+import io
+import pickle
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fake_reach
+import pytest
+import torch as th
+import yaml
+from memory import takes_less_than
+from tiny_training import tiny_config
+
+from sb3_stereo.config.schema import Config, load_config
+from sb3_stereo.errors import ConfigError
+from sb3_stereo.runs.files import sha256
+from sb3_stereo.runs.models import CHECKSUMS, load_model, load_weights, untrained_model
+from sb3_stereo.training.trainer import Options, train
+
+MIB = 2**20
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that has ended."""
+    logs = tmp_path_factory.mktemp("made")
+    return train(tiny_config(), Options(seed=1, log_folder=str(logs), save_freq=8, device="cpu", verbose=0)).run
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be damaged."""
+    return Path(shutil.copytree(made, tmp_path / "logs" / "ddpg" / made.name))
+
+
+def config(run: Path) -> Config:
+    return load_config("ddpg", fake_reach.ENV_ID, params=yaml.safe_load((run / "FakeReach-v0/config.yml").read_text()))
+
+
+def saved(content: Any) -> bytes:
+    buffer = io.BytesIO()
+    th.save(content, buffer)
+    return buffer.getvalue()
+
+
+def part(run: Path, name: str = "policy.pth") -> Any:
+    with zipfile.ZipFile(run / "FakeReach-v0.zip") as archive:
+        return th.load(io.BytesIO(archive.read(name)), weights_only=True)
+
+
+def replace_part(run: Path, name: str, content: bytes, compression: int = zipfile.ZIP_STORED) -> None:
+    """Replace a member of the model, and the model's checksum."""
+    path = run / "FakeReach-v0.zip"
+    with zipfile.ZipFile(path) as archive:
+        members = {info.filename: archive.read(info) for info in archive.infolist()} | {name: content}
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for member, data in members.items():
+            archive.writestr(member, data)
+    (run / CHECKSUMS).write_text(f"{sha256(path)}  {path.name}\n")
+
+
+def repacked(content: bytes, change: Callable[[str, bytes], bytes], compression: int = zipfile.ZIP_STORED) -> bytes:
+    """Return a file of PyTorch's with its members changed."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(buffer, "w", compression) as new:
+        for info in old.infolist():
+            new.writestr(info.filename, change(info.filename, old.read(info)))
+    return buffer.getvalue()
+
+
+def with_zeros(name: str, data: bytes) -> bytes:
+    return data + bytes(100 * MIB) if name.endswith("/data/0") else data
+
+
+class Call:
+    """Pickled as a call of a function."""
+
+    def __init__(self, function: Callable[..., Any], *arguments: Any) -> None:
+        self.call = function, arguments
+
+    def __reduce__(self) -> Any:
+        return self.call
+
+
+def laugh(depth: int = 30) -> list[Any]:
+    value: list[Any] = [0] * 9
+    for _ in range(depth):
+        value = [value] * 9
+    return value
+
+
+def moments(run: Path, **changes: Any) -> bytes:
+    """The actor's optimizer with changes of what it keeps for the first weight."""
+    content = part(run, "actor.optimizer.pth")
+    content["state"][0] |= changes
+    return saved(content)
+
+
+def group(run: Path, **changes: Any) -> bytes:
+    content = part(run, "actor.optimizer.pth")
+    content["param_groups"][0] |= changes
+    return saved(content)
+
+
+def first(run: Path, change: Callable[[th.Tensor], Any]) -> bytes:
+    """The networks with a change of the first weight."""
+    content = part(run)
+    name = next(iter(content))
+    return saved({**content, name: change(content[name])})
+
+
+POLICY: dict[str, Callable[[Path], tuple[bytes, str]]] = {
+    "deflated inside": lambda run: (
+        repacked(saved(part(run)), with_zeros, zipfile.ZIP_DEFLATED),
+        "in 'policy.pth': it is compressed inside, which PyTorch's files are not",
+    ),
+    "a call that fills the memory": lambda run: (
+        saved({"a": Call(bytearray, 10**10)}),
+        "in 'policy.pth': it holds more than tensors and plain values ('__builtin__.bytearray')",
+    ),
+    "an old-style pickle": lambda run: (pickle.dumps({}), "in 'policy.pth': it is not a whole zip file"),
+    "a list": lambda run: (saved([1, 2]), "the networks must be a map, not of type list"),
+    "nothing": lambda run: (saved(None), "the networks must be a map, not of type NoneType"),
+    "numbers for names": lambda run: (saved({1: 2}), "the networks lack"),
+    "a text for a weight": lambda run: (
+        first(run, lambda _: "zero"),
+        "is of type str, and these networks have float32",
+    ),
+    "another shape": lambda run: (first(run, lambda old: old.flatten().clone()), ", and these networks have float32 ["),
+    "another kind of number": lambda run: (first(run, lambda old: old.double()), "is float64 [1, 20, 20], and"),
+    "an expanded weight": lambda run: (
+        first(run, lambda old: th.zeros(1).expand(old.shape)),
+        "in 'policy.pth': it has a tensor that claims the shape (1, 20, 20)",
+    ),
+    "billions of lists": lambda run: (saved(laugh()), "in 'policy.pth': the same lists or maps occur in it again"),
+    "text that is none": lambda run: (
+        repacked(saved({"a": 1}), lambda name, data: data.replace(b"a", b"\xff") if "data.pkl" in name else data),
+        "in 'policy.pth': it is damaged",
+    ),
+}
+
+
+def refusal(run: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load_model(config(run), run / "FakeReach-v0.zip", "cpu")
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("attack", list(POLICY))
+def test_networks_that_are_no_state_of_the_model_are_one_sentence(attack: str, run: Path) -> None:
+    content, reason = POLICY[attack](run)
+    replace_part(run, "policy.pth", content)
+    with takes_less_than(30):
+        sentence = refusal(run)
+    assert sentence.startswith(f"cannot load '{run / 'FakeReach-v0.zip'}': ") and reason in sentence
+    assert sentence.endswith("; choose a model of the same settings")
+
+
+OPTIMIZER: dict[str, Callable[[Path], tuple[bytes, str]]] = {
+    "expanded": lambda run: (
+        moments(run, exp_avg=th.zeros(1, dtype=th.float64).expand(20_000_000)),
+        "in 'actor.optimizer.pth': it has a tensor that claims the shape (20000000,) and is smaller",
+    ),
+    "another shape": lambda run: (moments(run, exp_avg=th.zeros(3)), "'exp_avg' of parameter 0 must be a number each"),
+    "a text": lambda run: (moments(run, exp_avg="zero"), "'exp_avg' of parameter 0 must be a number each"),
+    "an unknown name": lambda run: (moments(run, evil=1), "an optimizer's state has an unknown 'evil'"),
+    "a list": lambda run: (saved([]), "an optimizer must be a map, not of type list"),
+    "no groups": lambda run: (saved({"state": {}, "param_groups": []}), "an optimizer has not 1 groups of parameters"),
+    "another setting": lambda run: (group(run, evil=1), "an optimizer's group has an unknown 'evil'"),
+    "a text for a number": lambda run: (group(run, lr="fast"), "an optimizer's 'lr' must be a number, not of type str"),
+    "other parameters": lambda run: (group(run, params=[9, *range(1, 10)]), "an optimizer is of other parameters"),
+}
+
+
+@pytest.mark.parametrize("attack", list(OPTIMIZER))
+def test_an_optimizer_is_read_only_where_something_is_trained_and_must_be_the_models(attack: str, run: Path) -> None:
+    content, reason = OPTIMIZER[attack](run)
+    replace_part(run, "actor.optimizer.pth", content)
+    load_model(config(run), run / "FakeReach-v0.zip", "cpu")
+    model = untrained_model(config(run), "cpu", seed=5)
+    before = {name: tensor.clone() for name, tensor in model.policy.state_dict().items()}
+    with takes_less_than(30), pytest.raises(ConfigError) as caught:
+        load_weights(model, run / "FakeReach-v0.zip")
+    assert reason in str(caught.value)
+    assert all(th.equal(tensor, before[name]) for name, tensor in model.policy.state_dict().items()), "all or nothing"
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_other_compressions_than_sb3s_are_refused(compression: int, run: Path) -> None:
+    replace_part(run, "policy.pth", bytes(50 * MIB), compression)
+    assert refusal(run) == (
+        f"cannot load '{run / 'FakeReach-v0.zip'}': 'policy.pth' is compressed in another way than SB3's files, or "
+        "encrypted; choose a model of the same settings"
+    )
+
+
+def test_a_size_that_lies_is_found_while_the_member_is_unpacked(run: Path) -> None:
+    path = run / "FakeReach-v0.zip"
+    replace_part(run, "policy.pth", bytes(100 * MIB), zipfile.ZIP_DEFLATED)
+    content = path.read_bytes().replace((100 * MIB).to_bytes(4, "little"), (1000).to_bytes(4, "little"))
+    path.write_bytes(content)
+    (run / CHECKSUMS).write_text(f"{sha256(path)}  {path.name}\n")
+    with takes_less_than(30):
+        assert "'policy.pth' is damaged (Bad CRC-32 for file 'policy.pth')" in refusal(run)
+
+
+def test_settings_that_ask_for_more_than_the_file_holds_make_no_networks(run: Path) -> None:
+    file = run / "FakeReach-v0/config.yml"
+    content = yaml.safe_load(file.read_text())
+    content["policy_kwargs"]["net_arch"] = [30_000, 30_000, 30_000]
+    file.write_text(yaml.safe_dump(content))
+    limit = (4 * (run / "FakeReach-v0.zip").stat().st_size + 64 * MIB) / 1e6
+    with takes_less_than(300):
+        sentence = refusal(run)
+    assert sentence == (
+        f"the settings of '{run / 'FakeReach-v0.zip'}' ask for networks of more than {limit:.0f} MB, which it does not "
+        "hold; choose a model of the same settings"
+    )
