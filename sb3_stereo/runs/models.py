@@ -98,7 +98,7 @@ def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False, optimi
         model: Of the same settings.
         path: The zip file.
         trust: Take a file without a checksum too. Nothing in it is run in either case.
-        optimizers: False reads the networks alone, which is all that acting needs.
+        optimizers: False leaves the optimizers out, of which acting needs nothing.
 
     Raises:
         ConfigError: If the file is not what a run saved, or the networks are others.
@@ -119,7 +119,7 @@ def _load_parts(model: "BaseAlgorithm", archive: zipfile.ZipFile, optimizers: bo
 
     limit = 2 * _n_bytes(model.policy.state_dict()) + MIB  # what a tensor needs besides its numbers is in the MiB
     owners = {name: attrgetter(name)(model) for name in model._get_torch_save_params()[0]}
-    states, learnt = {}, variables(model) if optimizers else {}
+    states, learnt = {}, variables(model)
     for name, owner in owners.items():
         if isinstance(owner, Optimizer) and not optimizers:
             continue
