@@ -20,14 +20,14 @@ import gymnasium as gym
 import numpy as np
 
 import benchmarks
-from benchmarks.analysis.constant import best_constant
+from benchmarks.analysis.constant import any_constant, best_constant
 from benchmarks.analysis.optimum import MAX_STEPS, plan_all
 from benchmarks.analysis.rollouts import BlindSimulation, Floats, constant_action, episode_cap, play, random_actions
 from benchmarks.tables.cells import read
 from sb3_stereo.config.schema import Config
 from sb3_stereo.console import say
 from sb3_stereo.envs.specs import plain
-from sb3_stereo.evaluation.protocol import Evaluation, Start, random_starts, summarise, test_starts
+from sb3_stereo.evaluation.protocol import Evaluation, Start, nan_mean, random_starts, summarise, test_starts
 from sb3_stereo.runs.directory import versions
 from sb3_stereo.runs.files import replacing
 from sb3_stereo.runtime import available_cores
@@ -103,10 +103,10 @@ def line(kind: str, baseline: str, scores: Sequence[Evaluation], action: Iterabl
     Args:
         kind: A key of `BASELINES`.
         baseline: How the tables call it.
-        scores: Of which the means are recorded.
+        scores: Of which the means are recorded; steps when reached over those that have some.
         action: If it is always the same.
     """
-    means = {name: np.mean([getattr(score, name) for score in scores]) for name in SCORES}
+    means = {name: nan_mean([getattr(score, name) for score in scores]) for name in SCORES}
     return {
         "kind": kind,
         "baseline": baseline,
@@ -133,6 +133,16 @@ def score_constant(task: Task, n_workers: int) -> list[Line]:
     return [line("constant", name, [score], action) for name, score, action in zip(names, scores, chosen, strict=True)]
 
 
+def score_any_constant(task: Task, n_workers: int) -> list[Line]:
+    """Each constant action of a DQN's, on average: what a network that ignores the image reaches by chance."""
+    with closing(task.make()) as env:
+        cap = episode_cap(env)
+        every = any_constant(env, task.test_starts())  # (n_actions, n_starts)
+    unknown = np.full(every.shape[1], np.nan)
+    scores = [summarise(steps < cap, steps, unknown, unknown, cap) for steps in every]
+    return [line("any constant", "some constant action of DQN's 81", scores)]
+
+
 def score_planner(task: Task, n_workers: int) -> list[Line]:
     """The planner of `benchmarks.analysis.optimum`."""
     with closing(task.make()) as env:
@@ -145,6 +155,7 @@ def score_planner(task: Task, n_workers: int) -> list[Line]:
 
 BASELINES: dict[str, Callable[[Task, int], list[Line]]] = {
     "random": score_random,
+    "any constant": score_any_constant,
     "constant": score_constant,
     "planner": score_planner,
 }

@@ -32,13 +32,27 @@ def best_constant(env: gym.Env[Any, Any], starts: Sequence[Start]) -> tuple[Floa
     """
     search = Search(env, starts[:N_BLIND_STARTS])
     try:
-        quantised = [np.array(levels) for levels in product((-1.0, 0.0, 1.0), repeat=env.action_space.shape[0])]  # type: ignore[index]
-        scored = [(search.mean_steps(action), action) for action in quantised]
+        scored = [(search.mean_steps(action), action) for action in quantised_actions(env)]
         best_quantised = best_played(env, starts, scored)
         scored += search.refine(best_quantised)
     finally:
         search.close()
     return best_quantised, best_played(env, starts, scored)
+
+
+def quantised_actions(env: gym.Env[Any, Any]) -> list[Floats]:
+    """All actions of full efforts and none, shape (n_joints,) each: those of a DQN with 3 levels."""
+    assert env.action_space.shape is not None  # a Box has one
+    return [np.array(levels) for levels in product((-1.0, 0.0, 1.0), repeat=env.action_space.shape[0])]
+
+
+def any_constant(env: gym.Env[Any, Any], starts: Sequence[Start]) -> Floats:
+    """Simulated steps of each quantised action from each start, the cap for a failure, (n_actions, n_starts)."""
+    search = Search(env, starts)
+    try:
+        return np.array([search.steps(action) for action in quantised_actions(env)])
+    finally:
+        search.close()
 
 
 def best_played(env: gym.Env[Any, Any], starts: Sequence[Start], scored: Sequence[tuple[float, Floats]]) -> Floats:
@@ -70,8 +84,12 @@ class Search:
             self.env.remove_state(state)
 
     def mean_steps(self, action: Floats) -> float:
-        """Steps to the goal, mean over the starts; the cap where it is not reached in a few."""
-        return float(np.mean([self._steps(state, action) for state in self.states]))
+        """Steps to the goal, mean over the starts."""
+        return float(self.steps(action).mean())
+
+    def steps(self, action: Floats) -> Floats:
+        """Steps to the goal from each start, shape (n_starts,); the cap where it is not reached in a few."""
+        return np.array([self._steps(state, action) for state in self.states])
 
     def _steps(self, state: Any, action: Floats) -> int:
         self.env.restore_state(state)

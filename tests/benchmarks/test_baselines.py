@@ -11,8 +11,8 @@ import pytest
 
 import benchmarks
 from benchmarks.analysis import baselines
-from benchmarks.analysis.baselines import BASELINES, STRICT, Line, goal_distances, measure, read_lines, task_of
-from benchmarks.analysis.constant import Search, best_constant
+from benchmarks.analysis.baselines import BASELINES, STRICT, Line, Task, goal_distances, measure, read_lines, task_of
+from benchmarks.analysis.constant import Search, any_constant, best_constant, quantised_actions
 from benchmarks.analysis.rollouts import BlindSimulation, constant_action, play, random_actions
 from sb3_stereo.config import load_config
 from sb3_stereo.evaluation.protocol import Start, random_starts
@@ -79,6 +79,20 @@ def test_the_best_constant_action_needs_no_more_steps_than_a_known_one(
     assert set(quantised.tolist()) <= {-1.0, 0.0, 1.0}
 
 
+def test_any_constant_action_is_the_mean_over_all_of_a_dqn(
+    reach: gym.Env[Any, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    starts = [start_of((1, 0, -1, 1), reach)]
+    steps = any_constant(reach, starts)
+    assert steps.shape == (81, 1)
+    known = [action.tolist() for action in quantised_actions(reach)].index([1, 0, -1, 1])
+    assert steps[known, 0] == 1 and steps.min() >= 1 and steps.max() == 4  # the cap
+    monkeypatch.setattr(Task, "make", lambda task: gym.make("sb3_stereo:WamStereoReach-v0", max_episode_steps=4))
+    monkeypatch.setattr(Task, "test_starts", lambda task: starts)
+    (line,) = BASELINES["any constant"](STRICT, 1)
+    assert float(line["success_rate"]) < 1 and line["n_poses"] == "1"
+
+
 def test_goals_lie_within_what_rho_is_in_space() -> None:
     with closing(gym.make("sb3_stereo:WamStereoReach-v0", rho=20)) as made:
         env: Any = made.unwrapped
@@ -105,7 +119,7 @@ def test_only_what_is_not_recorded_is_measured(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(baselines, "BASELINES", {kind: scorer(kind) for kind in BASELINES})
     measure(STRICT, ["planner"], n_workers=1)
     measure(STRICT, list(BASELINES), n_workers=1)
-    assert calls == ["planner", "random", "constant"]
+    assert calls == ["planner", *(kind for kind in BASELINES if kind != "planner")]
     assert [line["kind"] for line in read_lines(STRICT.record)] == list(BASELINES)
 
 
