@@ -33,7 +33,7 @@ from sb3_stereo.runs.files import replacing
 from sb3_stereo.runtime import available_cores
 
 N_RANDOM = 3  # policies of random actions, whose scores are averaged
-N_CHOICE, CHOICE_SEED = 100, 1  # starts on which a constant action is chosen; those of other arms' tests have seed 0
+N_CHOICE, CHOICE_SEED = 50, 1  # starts on which a constant action is chosen; those of other arms' tests have seed 0
 N_GOAL_POSES = 200_000
 NEAR = 5.0  # [cm], the threshold of panda-gym and of Fetch
 SCORES = ("success_rate", "mean_steps_success", "mean_steps_capped")

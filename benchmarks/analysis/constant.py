@@ -5,6 +5,7 @@ fifth of the time; the best few are then played in the environment as it is.
 """
 
 from collections.abc import Sequence
+from contextlib import closing
 from itertools import product
 from typing import Any
 
@@ -14,9 +15,10 @@ import numpy as np
 from benchmarks.analysis.rollouts import BlindSimulation, Floats, constant_action, episode_cap, play
 from sb3_stereo.evaluation.protocol import Start
 
-N_BLIND_STARTS, BLIND_HORIZON = 40, 10  # a joint under a full effort is at its limit after some five steps
-N_SAMPLES, N_ELITE, N_ITERATIONS = 32, 6, 4
-N_FINALISTS = 3
+BLIND_HORIZON = 10  # a joint under a full effort is at its limit after some five steps
+N_ROUGH, N_FINE, N_PLAYED = 10, 40, 50  # starts: for all quantised actions, for the best of them, for the finalists
+N_KEPT, N_FINALISTS = 12, 2
+N_SAMPLES, N_ELITE, N_ITERATIONS = 20, 5, 3
 
 
 def best_constant(env: gym.Env[Any, Any], starts: Sequence[Start]) -> tuple[Floats, Floats]:
@@ -30,14 +32,13 @@ def best_constant(env: gym.Env[Any, Any], starts: Sequence[Start]) -> tuple[Floa
         The best action of full efforts and none, which are those of a DQN with 3 levels, and the best of all, from a
         cross-entropy search that begins there. Shape (n_joints,) each.
     """
-    search = Search(env, starts[:N_BLIND_STARTS])
-    try:
-        scored = [(search.mean_steps(action), action) for action in quantised_actions(env)]
-        best_quantised = best_played(env, starts, scored)
-        scored += search.refine(best_quantised)
-    finally:
-        search.close()
-    return best_quantised, best_played(env, starts, scored)
+    with closing(Search(env, starts[:N_ROUGH])) as rough:
+        kept = sorted(quantised_actions(env), key=rough.mean_steps)[:N_KEPT]
+    with closing(Search(env, starts[:N_FINE])) as fine:
+        scored = [(fine.mean_steps(action), action) for action in kept]
+        best_quantised = best_played(env, starts[:N_PLAYED], scored)
+        scored += fine.refine(best_quantised)
+    return best_quantised, best_played(env, starts[:N_PLAYED], scored)
 
 
 def quantised_actions(env: gym.Env[Any, Any]) -> list[Floats]:
@@ -48,11 +49,8 @@ def quantised_actions(env: gym.Env[Any, Any]) -> list[Floats]:
 
 def any_constant(env: gym.Env[Any, Any], starts: Sequence[Start]) -> Floats:
     """Simulated steps of each quantised action from each start, the cap for a failure, (n_actions, n_starts)."""
-    search = Search(env, starts)
-    try:
+    with closing(Search(env, starts)) as search:
         return np.array([search.steps(action) for action in quantised_actions(env)])
-    finally:
-        search.close()
 
 
 def best_played(env: gym.Env[Any, Any], starts: Sequence[Start], scored: Sequence[tuple[float, Floats]]) -> Floats:

@@ -109,7 +109,7 @@ def baseline_table() -> list[str]:
 
 
 BASELINES_TEXT = """What scores without learning, from the same test starts as the agents
-(`python -m benchmarks.analysis.baselines`). The constant action is chosen on 100 other starts and repeated whatever the
+(`python -m benchmarks.analysis.baselines`). The constant action is chosen on other starts and repeated whatever the
 cameras see."""
 
 
