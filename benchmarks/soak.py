@@ -22,7 +22,7 @@ import sb3_stereo  # noqa: F401  (registers the environments)
 from sb3_stereo.config.schema import DEFAULT_ENV, load_config
 from sb3_stereo.evaluation.scores import read_scores
 from sb3_stereo.runtime import set_threads, tune_allocator
-from sb3_stereo.training.trainer import Options, train
+from sb3_stereo.training import Options, train
 
 N_SAMPLES = 10
 N_ENVS = 2
@@ -119,7 +119,7 @@ def soak_learner(n_steps: int, show: Callable[[str], None]) -> list[Sample]:
             vec_env="subproc",
             verbose=0,
         )
-        train(config, options, on_score=lambda run: sampler.take(max(read_scores(run))))
+        train(config, options, on_evaluation=lambda run: sampler.take(max(read_scores(run))))
     return sampler.samples
 
 

@@ -28,7 +28,7 @@ from sb3_stereo.config.schema import Config
 from sb3_stereo.console import say
 from sb3_stereo.envs.specs import plain
 from sb3_stereo.evaluation.protocol import Evaluation, Start, nan_mean, random_starts, summarise, test_starts
-from sb3_stereo.runs.directory import versions
+from sb3_stereo.runs.creation import versions
 from sb3_stereo.runs.files import replacing
 from sb3_stereo.runtime import available_cores
 

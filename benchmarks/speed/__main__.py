@@ -20,7 +20,7 @@ from benchmarks.speed.environments import measure_envs, measure_memory, measure_
 from benchmarks.speed.timing import library_lines_to_stderr
 from benchmarks.speed.trainings import measure_training
 from benchmarks.speed.updates import measure_updates
-from sb3_stereo.runs.directory import versions
+from sb3_stereo.runs.creation import versions
 
 Numbers = dict[str, float]
 

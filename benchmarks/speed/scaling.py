@@ -21,7 +21,7 @@ from typing import Any
 import yaml
 
 from benchmarks import FOLDER, RESULTS
-from sb3_stereo.runs.directory import versions
+from sb3_stereo.runs.creation import versions
 
 ENV_ID = "WamStereoReach-v0"
 SWEEP: dict[str, Any] = {

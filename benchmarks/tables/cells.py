@@ -17,7 +17,8 @@ import benchmarks
 from sb3_stereo.commands.train import make_config, make_options, make_parser
 from sb3_stereo.config.schema import Config
 from sb3_stereo.console import Bar
-from sb3_stereo.runs.directory import EVALUATIONS, versions
+from sb3_stereo.runs.creation import versions
+from sb3_stereo.runs.directory import EVALUATIONS
 from sb3_stereo.runs.files import replacing
 from sb3_stereo.tuning.cluster import add_cluster_flags, check_cluster_flags, connected
 from sb3_stereo.tuning.config import Metric

@@ -5,6 +5,7 @@ import os
 import random
 import sys
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,7 @@ from sb3_stereo.console import aligned, command_line
 
 if TYPE_CHECKING:
     from sb3_stereo.config.schema import Config
-    from sb3_stereo.training.trainer import Options, Result
+    from sb3_stereo.training.options import Options, Result
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -54,7 +55,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--eval-freq",
         type=at_least(0, -1),
         default=0,
-        help="steps between scores (default: the paper's checkpoints; -1: only the end)",
+        help="steps between evaluations (default: the paper's steps; -1: only the end)",
     )
     parser.add_argument(
         "--n-eval-envs",
@@ -63,7 +64,10 @@ def make_parser() -> argparse.ArgumentParser:
         help="environments per score, in processes (default: free cores, up to 4)",
     )
     parser.add_argument(
-        "--save-freq", type=at_least(1, -1), default=1000, help="steps between checkpoints (default: 1000; -1: none)"
+        "--save-freq",
+        type=at_least(1, -1),
+        default=1000,
+        help="steps between saved models and snapshots (default: 1000; -1: none)",
     )
     parser.add_argument(
         "--resume", type=path, metavar="RUN", help="go on with a run that was killed, with its own settings"
@@ -85,7 +89,7 @@ def make_config(args: argparse.Namespace) -> "Config":
 
 def make_options(args: argparse.Namespace) -> "Options":
     """Return how a command runs its training."""
-    from sb3_stereo.training.trainer import Options
+    from sb3_stereo.training.options import Options
 
     return Options(
         seed=args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31),
@@ -144,7 +148,7 @@ def report(result: "Result", seconds: float, verbose: int) -> int:
 
 
 def resume_command(args: argparse.Namespace) -> int:
-    """Go on with a run and say how it went."""
+    """Go on with a run and say how it went, and in a line each what of it was damaged."""
     from sb3_stereo.errors import ConfigError
     from sb3_stereo.runs.directory import load_record
     from sb3_stereo.training.trainer import resume
@@ -153,7 +157,8 @@ def resume_command(args: argparse.Namespace) -> int:
     for name in set(given) - {"resume", "verbose"}:
         raise ConfigError(f"--resume takes the run's own settings, got '{name}' too; leave it out")
     run = Path(args.resume)
-    with runtime.threads_for(load_record(run)[1].get("num_threads", -1)):
+    with runtime.threads_for(load_record(run)[1].get("num_threads", -1)), warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: print(f"warning: {message}", file=sys.stderr)
         start = time.monotonic()
         return report(resume(run, args.verbose), time.monotonic() - start, args.verbose)
 
@@ -183,7 +188,8 @@ def last_line(result: "Result", seconds: float) -> str:
     run = f"run: {os.path.relpath(result.run)}"
     if result.interrupted:
         after = f"after {result.n_timesteps} steps in {took}"
-        return f"Interrupted by {result.interrupted} {after}; the model is saved; {how_to_resume(result.run)}"
+        saved = "the model is saved; " if result.model else ""
+        return f"Interrupted by {result.interrupted} {after}; {saved}{how_to_resume(result.run)}"
     assert result.evaluation is not None  # every training that ends is scored
     return f"Done: {result.n_timesteps} steps in {took}; {describe(result.evaluation)}; {run}"
 

@@ -1,6 +1,7 @@
 """Score the agent on the test poses while it learns."""
 
 import csv
+import io
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -13,28 +14,29 @@ from sb3_stereo.building.factory import VEC_ENVS
 from sb3_stereo.console import say
 from sb3_stereo.evaluation.protocol import Evaluation, Start, evaluate
 from sb3_stereo.runs.directory import BEST_MODEL, EVALUATIONS
+from sb3_stereo.runs.files import write
 from sb3_stereo.runs.models import save_model
 
-OnScore = Callable[[Path], None]
+OnEvaluation = Callable[[Path], None]
 
 # Training steps of the paper's Tables 3 and 4.
-PAPER_CHECKPOINTS = {
+PAPER_EVAL_STEPS = {
     "ddpg": (1500, 2000, 5000, 7000, 8500),
     "dqn": (1500, 3500, 5500, 7500, 10000),
 }
 
 
-def checkpoints(algo: str, n_timesteps: int, eval_freq: int = 0) -> tuple[int, ...]:
+def eval_steps(algo: str, n_timesteps: int, eval_freq: int = 0) -> tuple[int, ...]:
     """Return the steps at which an agent is scored before the end of its training.
 
     Args:
-        algo: The algorithm, which decides the paper's checkpoints; one that the paper has not takes DDPG's.
+        algo: The algorithm, which decides the paper's steps; one that the paper has not takes DDPG's.
         n_timesteps: Steps of the training; the score at its end is not part of the list.
-        eval_freq: 0 takes the paper's checkpoints, a positive number every so many steps, a negative one none.
+        eval_freq: 0 takes the paper's steps, a positive number every so many steps, a negative one none.
     """
     if eval_freq > 0:
         return tuple(range(eval_freq, n_timesteps, eval_freq))
-    steps = PAPER_CHECKPOINTS.get(algo, PAPER_CHECKPOINTS["ddpg"])
+    steps = PAPER_EVAL_STEPS.get(algo, PAPER_EVAL_STEPS["ddpg"])
     return tuple(step for step in steps if step < n_timesteps) if eval_freq == 0 else ()
 
 
@@ -49,7 +51,7 @@ class PoseEvalCallback(BaseCallback):
         n_envs: Environments that are stepped together.
         vec_env: "dummy" or "subproc".
         verbose: 1 prints a line per score.
-        on_score: Called with the run directory after every score but the one at the end of the training.
+        on_evaluation: Called with the run directory after every score but the one at the end of the training.
     """
 
     def __init__(
@@ -61,7 +63,7 @@ class PoseEvalCallback(BaseCallback):
         n_envs: int = 1,
         vec_env: str = "dummy",
         verbose: int = 0,
-        on_score: OnScore | None = None,
+        on_evaluation: OnEvaluation | None = None,
     ) -> None:
         super().__init__(verbose)
         self.env_fn = env_fn
@@ -70,7 +72,7 @@ class PoseEvalCallback(BaseCallback):
         self.steps = sorted(steps)
         self.n_envs = n_envs
         self.vec_env = vec_env
-        self.on_score = on_score
+        self.on_evaluation = on_evaluation
         self.best: tuple[float, float] | None = None
         self.last: Evaluation | None = None
 
@@ -82,8 +84,8 @@ class PoseEvalCallback(BaseCallback):
         self.steps = self.steps[len(due) :]
         if due and self.num_timesteps < self.locals.get("total_timesteps", float("inf")):
             self.score()
-            if self.on_score is not None:
-                self.on_score(self.run_dir)
+            if self.on_evaluation is not None:
+                self.on_evaluation(self.run_dir)
         return True
 
     def _on_training_end(self) -> None:
@@ -128,17 +130,19 @@ class PoseEvalCallback(BaseCallback):
 
 
 def append_row(path: Path, row: dict[str, Any]) -> None:
-    """Append one row to a CSV file, with a header if the file is new.
+    """Append one row to a CSV file, with a header if there is none; the file is never half written.
 
     A file that another version has begun keeps its columns.
     """
-    known = path.read_text(encoding="utf-8").splitlines()[:1] if path.exists() else []
-    with path.open("a", newline="", encoding="utf-8") as file:
-        columns = known[0].split(",") if known else list(row)
-        writer = csv.DictWriter(file, fieldnames=columns, restval="nan", extrasaction="ignore")
-        if not known:
-            writer.writeheader()
-        writer.writerow(row)
+    before = path.read_bytes().decode() if path.is_file() else ""
+    columns = before.splitlines()[0].split(",") if before else list(row)
+    text = io.StringIO(before, newline="")
+    text.seek(0, io.SEEK_END)
+    writer = csv.DictWriter(text, fieldnames=columns, restval="nan", extrasaction="ignore")
+    if not before:
+        writer.writeheader()
+    writer.writerow(row)
+    write(path, text.getvalue().encode())
 
 
 def describe(result: Evaluation) -> str:

@@ -1,40 +1,28 @@
-"""The run directory, laid out as rl-baselines3-zoo does: names, records, models.
+"""The run directory, laid out as rl-baselines3-zoo does: names, records, models. Nothing here writes.
 
 logs/ddpg/WamStereoReach-v0_1/
     0.monitor.csv  evaluations.csv  best_model.zip  WamStereoReach-v0.zip  rl_model_2000_steps.zip
-    WamStereoReach-v0/config.yml  args.yml  command.txt  versions.yml
+    WamStereoReach-v0/config.yml  args.yml  command.txt  versions.yml  status.yml
 """
 
 import csv
 import os
 import re
-import shlex
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from sb3_stereo import __version__
 from sb3_stereo.config.schema import Config, check_env_id, parse_config
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.runs.files import replacing
-
-try:
-    import fcntl
-except ImportError:  # not on Windows
-    fcntl = None  # type: ignore[assignment]
 
 BEST_MODEL = "best_model.zip"
 EVALUATIONS = "evaluations.csv"
 UNREADABLE = (KeyError, TypeError, ValueError, csv.Error)  # what a damaged table raises
 ARGUMENTS = "args.yml"
 CHECKPOINT_PREFIX = "rl_model"
-PACKAGES = ("stable-baselines3", "sb3-contrib", "gymnasium", "torch", "numpy", "opencv-python-headless", "pybullet")
 
 
 def env_name(env_id: str) -> str:
@@ -44,58 +32,15 @@ def env_name(env_id: str) -> str:
 
 def run_ids(log_folder: Path, algo: str, env_id: str) -> list[int]:
     """Return the numbers of the existing runs, ascending."""
-    return _numbers(log_folder / algo, env_name(env_id))
+    parent, name = log_folder / algo, env_name(env_id)
+    return [number for number in numbers(parent, name) if (parent / f"{name}_{number}").is_dir()]
 
 
-def create_run(log_folder: str | Path, algo: str, env_id: str) -> Path:
-    """Make and return the directory of the next run, even if other processes do the same at the same time."""
-    try:
-        run = make_numbered(Path(log_folder) / algo, env_name(env_id))
-        (run / env_name(env_id)).mkdir()
-        return run
-    except OSError as error:
-        raise ConfigError(f"cannot write to '{log_folder}' ({error.strerror}); choose a log folder with -f") from error
-
-
-def make_numbered(parent: Path, name: str) -> Path:
-    """Make and return the folder `name_N` with the next free number."""
-    parent.mkdir(parents=True, exist_ok=True)
-    while True:
-        folder = parent / f"{name}_{max(_numbers(parent, name), default=0) + 1}"
-        try:
-            folder.mkdir()
-        except FileExistsError:  # another process was faster
-            continue
-        return folder
-
-
-def _numbers(parent: Path, name: str) -> list[int]:
-    """The numbers N of the folders `name_N`, ascending."""
+def numbers(parent: Path, name: str) -> list[int]:
+    """Return the numbers N of whatever is called `name_N` in a folder, ascending."""
     pattern = re.compile(re.escape(name) + r"_(\d+)")
-    matches = (pattern.fullmatch(path.name) for path in parent.glob("*") if path.is_dir())
+    matches = (pattern.fullmatch(path.name) for path in parent.glob("*"))
     return sorted(int(match[1]) for match in matches if match)
-
-
-def save_records(run: Path, config: Config, args: Mapping[str, Any]) -> None:
-    """Write what made the run: resolved configuration, arguments, command and versions."""
-    folder = run / env_name(config.env_id)
-    (folder / "command.txt").write_text(shlex.join(sys.orig_argv) + "\n", encoding="utf-8")
-    # The arguments come last: a run that has them has everything.
-    records = {"versions.yml": versions(), "config.yml": config.plain(), ARGUMENTS: dict(args)}
-    for name, content in records.items():
-        with replacing(folder / name) as partial:
-            partial.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python, of this package and of what it stands on."""
-    found = {"python": sys.version.split()[0], "sb3_stereo": __version__}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:  # e.g. opencv-python instead of its headless sister
-            found[name] = "unknown"
-    return found
 
 
 def find_run(log_folder: str | Path, algo: str, env_id: str, exp_id: int = 0) -> Path:
@@ -120,7 +65,7 @@ def load_record(run: str | Path) -> tuple[Config, dict[str, Any]]:
     Raises:
         ConfigError: If the directory holds no run.
     """
-    file = _arguments_file(run)
+    file = arguments_file(run)
     try:
         args, config = _read_map(file), _read_map(file.parent / "config.yml")
         algo, env_id, packages = args["algo"], args["env"], args.get("gym_packages") or []
@@ -145,37 +90,16 @@ def _read_map(file: Path) -> dict[str, Any]:
     return content
 
 
-def _arguments_file(run: str | Path) -> Path:
+def arguments_file(run: str | Path) -> Path:
+    """Return the file of a run's arguments, beside which its other records are.
+
+    Raises:
+        ConfigError: If the directory holds no run.
+    """
     files = sorted(Path(run).glob(f"*/{ARGUMENTS}"))
     if len(files) != 1:
         raise ConfigError(f"'{run}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1")
     return files[0]
-
-
-@contextmanager
-def locked(run: str | Path) -> Iterator[None]:
-    """Hold a run for this process; the system lets go of it when the process ends, however that happens.
-
-    Raises:
-        ConfigError: If another process holds it.
-    """
-    with _arguments_file(run).open("rb+") as file:
-        if fcntl is not None:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise ConfigError(f"another process trains '{run}' now; wait for it, or stop it first") from error
-        yield
-
-
-def has_ended(run: str | Path, config: Config) -> bool:
-    """Return whether a run was trained to its end, scored and saved."""
-    if not (Path(run) / f"{env_name(config.env_id)}.zip").is_file():
-        return False
-    try:
-        return max(scores_by_step(run), default=0) >= config.n_timesteps
-    except (OSError, *UNREADABLE):
-        return False
 
 
 def scores_by_step(run: str | Path) -> dict[int, dict[str, float]]:
@@ -223,6 +147,11 @@ def checkpoint_steps(run: Path) -> list[int]:
     return sorted(int(match[1]) for match in matches if match)
 
 
+def checkpoint_name(step: int) -> str:
+    """Return the name of the model that was saved at a step, which is SB3's."""
+    return f"{CHECKPOINT_PREFIX}_{step}_steps.zip"
+
+
 def model_path(run: str | Path, env_id: str, best: bool = False, checkpoint: int | None = None) -> Path:
     """Return the file of a run's final model, of its best or of a checkpoint.
 
@@ -232,7 +161,7 @@ def model_path(run: str | Path, env_id: str, best: bool = False, checkpoint: int
     run = Path(run)
     name = BEST_MODEL if best else f"{env_name(env_id)}.zip"
     if checkpoint is not None:
-        name = f"{CHECKPOINT_PREFIX}_{checkpoint}_steps.zip"
+        name = checkpoint_name(checkpoint)
     if not (run / name).is_file():
         existing = sorted(path.name for path in run.glob("*.zip"))
         raise ConfigError(

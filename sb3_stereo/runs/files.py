@@ -2,9 +2,11 @@
 
 import hashlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from sb3_stereo.errors import ConfigError
 
 
 @contextmanager
@@ -30,17 +32,25 @@ def publish(partial: Path, path: Path) -> None:
     """Let a file that is written take its name, on the disk as well: a crash of the machine does not undo it."""
     sync(partial)
     os.replace(partial, path)
-    if os.name == "posix":  # elsewhere a folder cannot be opened
-        sync(path.parent)
+    sync(path.parent)
 
 
 def sync(path: Path) -> None:
     """Wait until a file or folder is on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    is_folder = path.is_dir()
+    if is_folder and os.name != "posix":  # elsewhere a folder cannot be opened
+        return
+    descriptor = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)  # Windows flushes what may be written alone
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file as a whole. The bytes of other names of the old file, such as a copy's hard link, stay."""
+    with replacing(path) as partial:
+        partial.write_bytes(content)
 
 
 def sha256(path: Path) -> str:
@@ -52,16 +62,24 @@ def sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def sizes(files: Iterable[Path]) -> dict[str, int]:
-    """Return the sizes of files in bytes, by their names."""
-    return {path.name: path.stat().st_size for path in files}
+def cut_back(path: Path, size: int) -> bool:
+    """Bring a file that only grows back to an earlier size; return whether it had at least that."""
+    before = path.stat()
+    if before.st_size > size or before.st_nlink > 1:  # another name of its bytes is a copy's
+        with path.open("rb") as file:
+            write(path, file.read(size))
+    return before.st_size >= size
 
 
-def cut_back(files: Iterable[Path], sizes: Mapping[str, int]) -> None:
-    """Bring files that only grow back to earlier `sizes`; one without a size was not there yet and goes."""
-    for path in files:
-        size = sizes.get(path.name)
-        if size is None:
-            path.unlink()
-        elif path.stat().st_size > size:
-            os.truncate(path, size)
+def refuse_links(folder: Path) -> None:
+    """Raise a ConfigError if something in a folder is a link: what is written to it would land elsewhere."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_symlink():
+            raise ConfigError(f"'{path}' is a link, and a training writes there; put what it points to in its place")
+
+
+def disk_error(error: BaseException | None) -> OSError | None:
+    """Return what the system said, which torch's errors hide; None if the system said nothing."""
+    while error is not None and not isinstance(error, OSError):
+        error = error.__cause__ or error.__context__
+    return error

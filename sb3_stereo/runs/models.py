@@ -16,7 +16,7 @@ from sb3_stereo.building.factory import make_env, make_model
 from sb3_stereo.config.schema import Config, algorithm
 from sb3_stereo.errors import ConfigError, setting_up
 from sb3_stereo.runs.archives import MIB, load_tensors, open_zip, read_member
-from sb3_stereo.runs.files import partial_path, publish, replacing, sha256
+from sb3_stereo.runs.files import partial_path, publish, sha256, write
 from sb3_stereo.runs.memory import networks_of_at_most
 from sb3_stereo.runs.training_state import variables
 from sb3_stereo.runs.weights import checked_state, checked_tensors
@@ -33,24 +33,32 @@ def save_model(model: "BaseAlgorithm", path: Path) -> None:
     try:
         model.save(partial)
         digest = sha256(partial)
-        before = _checksums(path.parent)
-        _write_checksums(path.parent, [*before, (digest, path.name)])  # either file is a good one
+        before = checksums(path.parent)
+        write_checksums(path.parent, [*before, (path.name, digest)])  # either file is a good one
         publish(partial, path)
-        _write_checksums(path.parent, [*[line for line in before if line[1] != path.name], (digest, path.name)])
+        write_checksums(path.parent, [*[line for line in before if line[0] != path.name], (path.name, digest)])
     finally:
         partial.unlink(missing_ok=True)
 
 
-def _checksums(folder: Path) -> list[tuple[str, str]]:
-    """Pairs of digest and file name."""
+def checksums(folder: Path) -> list[tuple[str, str]]:
+    """Return the models that a folder's `SHA256SUMS` names, and their digests."""
     file = folder / CHECKSUMS
     lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    return [(digest, name) for digest, _, name in (line.partition("  ") for line in lines)]
+    return [(name, digest) for digest, _, name in (line.partition("  ") for line in lines)]
 
 
-def _write_checksums(folder: Path, pairs: Sequence[tuple[str, str]]) -> None:
-    with replacing(folder / CHECKSUMS) as partial:
-        partial.write_text("".join(f"{digest}  {name}\n" for digest, name in pairs), encoding="utf-8")
+def write_checksums(folder: Path, pairs: Sequence[tuple[str, str]]) -> None:
+    """Write `SHA256SUMS`, or remove it if it names nothing."""
+    if not pairs:
+        (folder / CHECKSUMS).unlink(missing_ok=True)
+        return
+    write(folder / CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in sorted(pairs)).encode())
+
+
+def is_whole(path: Path) -> bool:
+    """Return whether a model is there and has a checksum that goes with it."""
+    return path.is_file() and (path.name, sha256(path)) in checksums(path.parent)
 
 
 def load_model(config: Config, path: Path, device: str = "auto", trust: bool = False) -> "BaseAlgorithm":
@@ -147,7 +155,7 @@ def _check(path: Path) -> None:
     """Raise a ConfigError unless the file is one that a run saved here."""
     if not path.is_file():
         raise ConfigError(f"no model '{path}'; give the zip file of one, such as the best_model.zip of a run")
-    digests = [digest for digest, name in _checksums(path.parent) if name == path.name]
+    digests = [digest for name, digest in checksums(path.parent) if name == path.name]
     if sha256(path) in digests:
         return
     what = f"was changed after it was saved: {CHECKSUMS} beside it has another checksum" if digests else ""

@@ -1,67 +1,63 @@
-"""Checkpoints from which a killed training goes on: whole files, the last two of them.
+"""Snapshots from which a killed training goes on: whole files, the last two of them.
 
 They are called `checkpoints/step_2000-3f9ab1d2….pt`, with the beginning of the SHA-256 of their bytes, as PyTorch Hub
-names its files.
+names its files. (A checkpoint in SB3's sense is a model alone, `rl_model_2000_steps.zip`.)
 """
 
 import pickle
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import torch as th
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.runs.directory import CHECKPOINT_PREFIX, how_to_resume
-from sb3_stereo.runs.files import publish, sha256, sizes
-from sb3_stereo.runs.models import save_model
+from sb3_stereo.runs.directory import checkpoint_name
+from sb3_stereo.runs.files import publish, sha256
+from sb3_stereo.runs.models import is_whole, save_model
+from sb3_stereo.runs.rollback import capture_files
 from sb3_stereo.runs.training_state import State, capture, restore, restore_drawn
 
 FOLDER = "checkpoints"
+FORMAT = 2  # of a snapshot; before version 0.1.0 it had none
 N_KEPT = 2  # should the newest be damaged, there is the one before
 _NAME = re.compile(r"step_(\d+)-([0-9a-f]{16})\.pt")
 
 
 def save(run: Path, step: int, state: State) -> Path:
-    """Write a checkpoint and remove those before the last two.
+    """Write a snapshot and remove those before the last two.
 
     Raises:
-        ConfigError: If it cannot be written, for example because the disk is full; the earlier ones stay.
+        OSError: If it cannot be written, for example because the disk is full; the earlier ones stay. With torch's
+            writer it may be the context of a RuntimeError.
     """
     folder = run / FOLDER
     partial = folder / "partial"
+    folder.mkdir(exist_ok=True)
     try:
-        folder.mkdir(exist_ok=True)
         with partial.open("wb") as file:  # torch hides the reason when it opens the file itself
-            th.save(state, file)
+            th.save({"format": FORMAT, "step": step, **state}, file)
         path = folder / f"step_{step}-{sha256(partial)[:16]}.pt"
         publish(partial, path)
-    except (OSError, RuntimeError) as error:
+    finally:
         partial.unlink(missing_ok=True)
-        raise ConfigError(
-            f"cannot write a checkpoint to '{folder}' ({_reason(error)}); make room, then {how_to_resume(run)}"
-        ) from error
     for old in _paths(run)[N_KEPT:]:
         old.unlink()
     return path
 
 
-def _reason(error: BaseException) -> str:
-    """What the system said, which torch's error hides."""
-    cause = error
-    while cause.__context__ is not None and not isinstance(cause, OSError):
-        cause = cause.__context__
-    return cause.strerror or str(cause) if isinstance(cause, OSError) else str(error).splitlines()[0]
-
-
 def newest(run: Path) -> State | None:
-    """Return the state of a run's newest checkpoint that is whole, None if there is none; warns of damaged ones."""
+    """Return the state of a run's newest snapshot that is whole, None if there is none; warns of damaged ones.
+
+    Raises:
+        ConfigError: If it is none of this version's.
+    """
     for path in _paths(run):
         if sha256(path)[:16] == _match(path)[2]:
             return _load(path)
-        warnings.warn(f"'{path}' is damaged: its digest is another one; trying the checkpoint before it", stacklevel=2)
+        warnings.warn(f"'{path}' is damaged: its digest is another one; trying the snapshot before it", stacklevel=2)
     return None
 
 
@@ -71,12 +67,15 @@ def _load(path: Path) -> State:
     except pickle.UnpicklingError as error:
         way_out = "remove it, and the one before it is used"
         raise ConfigError(f"'{path}' holds more than plain data, which is not loaded; {way_out}") from error
+    if state.get("format") != FORMAT:
+        way_out = "go on with the version that made it (see versions.yml), or begin with its models: -i best_model.zip"
+        raise ConfigError(f"'{path}' was made by an older version of sb3_stereo; {way_out}")
     return state
 
 
 def _paths(run: Path) -> list[Path]:
-    """The checkpoints of a run, the newest first."""
-    paths = [path for path in (run / FOLDER).glob("*.pt") if _NAME.fullmatch(path.name)]
+    """The snapshots of a run, the newest first."""
+    paths = [path for path in (run / FOLDER).glob("*.pt") if _NAME.fullmatch(path.name) and path.is_file()]
     return sorted(paths, key=lambda path: (int(_match(path)[1]), path.stat().st_mtime), reverse=True)
 
 
@@ -86,24 +85,33 @@ def _match(path: Path) -> re.Match[str]:
     return match
 
 
-def remove(run: Path) -> None:
-    """Remove the checkpoints of a run that has ended."""
-    for path in (run / FOLDER).glob("*"):
-        path.unlink()
-    if (run / FOLDER).is_dir():
+def remove(run: Path, after: int = -1) -> None:
+    """Remove the snapshots of a run, and the folder if nothing else is in it.
+
+    Args:
+        run: The run directory.
+        after: Only those of later steps: all that are damaged, once the training goes on from an earlier one.
+    """
+    for path in _paths(run):
+        if int(_match(path)[1]) > after:
+            path.unlink()
+    (run / FOLDER / "partial").unlink(missing_ok=True)
+    if (run / FOLDER).is_dir() and not any((run / FOLDER).iterdir()):
         (run / FOLDER).rmdir()
 
 
-class Checkpoint(BaseCallback):
-    """Saves the training every `save_freq` steps, between two rollouts, and begins from a saved state if given one.
+class SaveSnapshots(BaseCallback):
+    """Saves model and training every `save_freq` steps, between two rollouts, and begins from a state if given one.
+
+    The model comes before the snapshot, so that no training goes on behind a model that is missing.
 
     It is the last callback: the others must have been set up before they get their state back.
 
     Args:
         run: The run directory.
-        save_freq: Environment steps between checkpoints; not positive saves none.
+        save_freq: Environment steps between snapshots; not positive saves none.
         callbacks: The other callbacks of the training.
-        logs: Files that grow with the training, by a function, since some come into being later.
+        event_sizes: Returns how large TensorBoard's files are.
         state: To begin from.
     """
 
@@ -112,17 +120,19 @@ class Checkpoint(BaseCallback):
         run: Path,
         save_freq: int,
         callbacks: Sequence[BaseCallback],
-        logs: Callable[[], Iterable[Path]],
+        event_sizes: Callable[[], Mapping[str, int]] = dict,
         state: State | None = None,
     ) -> None:
         super().__init__()
-        self.run, self.save_freq, self.callbacks, self.logs = run, save_freq, callbacks, logs
+        self.run, self.save_freq, self.callbacks, self.event_sizes = run, save_freq, callbacks, event_sizes
         self.state = state
         self.saved = 0
 
     def _on_training_start(self) -> None:
         if self.state is not None:
             restore(self.model, self.callbacks, self.state["training"])
+            if not is_whole(self.run / checkpoint_name(self.model.num_timesteps)):
+                self._save_model(self.model.num_timesteps)
         self.saved = self.model.num_timesteps
 
     def _on_rollout_start(self) -> None:
@@ -131,8 +141,10 @@ class Checkpoint(BaseCallback):
             self.state = None  # it is as large as the replay buffer
         step = self.model.num_timesteps
         if self._is_due(step):
-            save(self.run, step, {"training": capture(self.model, self.callbacks), "logs": sizes(self.logs())})
             self._save_model(step)
+            training = capture(self.model, self.callbacks)
+            files, events = capture_files(self.run), dict(self.event_sizes())
+            save(self.run, step, {"training": training, "files": files, "events": events})
 
     def _on_step(self) -> bool:
         return True
@@ -145,5 +157,5 @@ class Checkpoint(BaseCallback):
         return self.save_freq > 0 and step // self.save_freq > self.saved // self.save_freq
 
     def _save_model(self, step: int) -> None:
-        save_model(self.model, self.run / f"{CHECKPOINT_PREFIX}_{step}_steps.zip")
+        save_model(self.model, self.run / checkpoint_name(step))
         self.saved = step

@@ -47,7 +47,7 @@ def capture(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback]) -> State:
         "ep_success": list(model.ep_success_buffer or ()),
         "replay_buffer": _buffer_state(getattr(model, "replay_buffer", None)),
         "noise": [_noise_state(noise) for noise in _noises(model)],
-        "callbacks": [_callback_state(callback) for callback in callbacks],
+        "callbacks": {name: _callback_state(callback) for name, callback in _by_name(callbacks).items()},
         "episodes": episodes(env),
         "explorations": [{name: getattr(found, name).detach() for name in SDE} for found in _explorations(model)],
         "generators": _generators(model),
@@ -76,8 +76,10 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
     _restore_buffer(getattr(model, "replay_buffer", None), state["replay_buffer"])
     for noise, saved in zip(_noises(model), state["noise"], strict=True):
         _restore_noise(noise, saved)
-    for callback, saved in zip(callbacks, state["callbacks"], strict=True):
-        _restore_callback(callback, saved)
+    for name, callback in _by_name(callbacks).items():  # another --verbose makes others
+        callback.num_timesteps = model.num_timesteps
+        if name in state["callbacks"]:
+            _restore_callback(callback, state["callbacks"][name])
     replay(env, to_numpy(state["episodes"]))
 
 
@@ -167,6 +169,16 @@ def _restore_noise(noise: Any, state: State) -> None:
         noise.noise_prev = to_numpy(state["noise_prev"])
 
 
+def _by_name(callbacks: Sequence[BaseCallback]) -> dict[str, BaseCallback]:
+    """Callbacks by the names of their classes, numbered where there are several of one."""
+    found: dict[str, BaseCallback] = {}
+    for callback in callbacks:
+        name = type(callback).__name__
+        n_same = sum(key.partition(" ")[0] == name for key in found)
+        found[f"{name} {n_same + 1}" if n_same else name] = callback
+    return found
+
+
 def _callback_state(callback: Any) -> State:
     own = callback.state_dict() if hasattr(callback, "state_dict") else {}
     return {"n_calls": callback.n_calls, "own": own}
@@ -174,7 +186,6 @@ def _callback_state(callback: Any) -> State:
 
 def _restore_callback(callback: Any, state: State) -> None:
     callback.n_calls = state["n_calls"]
-    callback.num_timesteps = callback.model.num_timesteps
     if hasattr(callback, "load_state_dict"):
         callback.load_state_dict(state["own"])
 

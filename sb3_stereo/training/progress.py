@@ -19,7 +19,11 @@ class Progress(BaseCallback):
         self.shown: Bar | None = None
 
     def _on_training_start(self) -> None:
-        self.shown = Bar(self.locals["total_timesteps"], "step", self.bar, self.interval, self.num_timesteps)
+        self.total = self.locals["total_timesteps"]
+
+    def _on_rollout_start(self) -> None:
+        if self.shown is None:  # not before: a training that goes on has its number of steps only now
+            self.shown = Bar(self.total, "step", self.bar, self.interval, self.num_timesteps)
 
     def _on_step(self) -> bool:
         if self.shown is not None:

@@ -13,8 +13,9 @@ from sb3_stereo.config.schema import Config, overridden
 from sb3_stereo.config.values import read_yaml
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.scores import read_scores
-from sb3_stereo.runs.directory import env_name, find_run, has_ended, load_record, run_ids
+from sb3_stereo.runs.directory import env_name, find_run, load_record, run_ids
 from sb3_stereo.runs.files import replacing
+from sb3_stereo.runs.status import has_ended
 from sb3_stereo.tuning.config import Metric, Sweep
 from sb3_stereo.tuning.settings import key
 

@@ -14,7 +14,7 @@ from ray.tune.search.repeater import TRIAL_INDEX
 
 from sb3_stereo.config.schema import overridden
 from sb3_stereo.runs.directory import import_packages
-from sb3_stereo.training.trainer import Options
+from sb3_stereo.training import Options
 from sb3_stereo.tuning.config import Sweep
 from sb3_stereo.tuning.records import STOPPED, Setting, read_trials, settings, state
 from sb3_stereo.tuning.report import shown

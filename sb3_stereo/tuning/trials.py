@@ -20,8 +20,10 @@ from sb3_stereo import runtime
 from sb3_stereo.config.schema import Config
 from sb3_stereo.console import say
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.runs.directory import has_ended, import_packages, make_numbered
-from sb3_stereo.training.trainer import Options, resume, train
+from sb3_stereo.runs.creation import make_numbered
+from sb3_stereo.runs.directory import import_packages
+from sb3_stereo.runs.status import has_ended
+from sb3_stereo.training import Options, resume, train
 from sb3_stereo.tuning.cluster import check_resources
 from sb3_stereo.tuning.config import Metric, Resources
 from sb3_stereo.tuning.records import defined, find_trial, scores, state
@@ -74,20 +76,20 @@ def run_trial(suggestion: dict[str, Any], make_training: MakeTraining) -> None:
 
 
 def continue_or_train(run: Path | None, training: Training) -> Path:
-    """Train to the end and return the run; an interrupted one goes on from its last checkpoint.
+    """Train to the end and return the run; an interrupted one goes on from its last snapshot.
 
     A run that has ended, but lost its last scores since, is put aside and trained anew.
     """
 
-    def on_score(run: Path) -> None:
+    def on_evaluation(run: Path) -> None:
         report(run, max(scores(run)), training.metric)
 
     if run is not None and has_ended(run, training.config):
         run.rename(make_numbered(run.parent, f"{run.name}.damaged"))
         run = None
     if run is not None:
-        return resume(run, verbose=0, on_score=on_score).run
-    return train(training.config, training.options, training.record, on_score).run
+        return resume(run, verbose=0, on_evaluation=on_evaluation).run
+    return train(training.config, training.options, training.record, on_evaluation).run
 
 
 def report(run: Path, step: int, metric: Metric) -> None:

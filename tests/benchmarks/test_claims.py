@@ -15,7 +15,7 @@ from benchmarks.tables import claims as claims_tables
 from benchmarks.tables.cells import write
 from benchmarks.tables.claims import BOTH, CLAIMS, depth_record, probe_missing, write_claims
 from sb3_stereo.config.schema import load_config
-from sb3_stereo.runs.directory import create_run, save_records
+from sb3_stereo.runs.creation import create_run
 from sb3_stereo.runs.models import save_model, untrained_model
 
 
@@ -39,8 +39,8 @@ def test_errors_are_of_poses_that_took_no_part_in_the_fit() -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that was not trained: the probe does not care."""
     config = load_config("ddpg", "WamStereoReachRandom-v0", env_kwargs={"max_episode_steps": 1})
-    run = create_run(tmp_path_factory.mktemp("logs"), "ddpg", config.env_id)
-    save_records(run, config, {"algo": "ddpg", "env": config.env_id, "seed": 0})
+    args = {"algo": "ddpg", "env": config.env_id, "seed": 0}
+    run = create_run(tmp_path_factory.mktemp("logs"), config, args)
     save_model(untrained_model(config, "cpu", seed=3), run / f"{config.env_id}.zip")
     return run
 

@@ -14,7 +14,7 @@ from benchmarks.analysis.diagnosis import BATCH_NORMS, Gap, Sight, compare_stati
 from sb3_stereo.config.schema import load_config
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
-from sb3_stereo.runs.directory import create_run, save_records
+from sb3_stereo.runs.creation import create_run
 from sb3_stereo.runs.models import save_model, untrained_model
 
 BATCH_SIZE = 50
@@ -79,8 +79,7 @@ def test_a_dead_network_sees_nothing() -> None:
 def make_run(logs: Path, algo: str, steps: Sequence[int]) -> Path:
     """A run with the paper's networks and untrained checkpoints."""
     config = load_config(algo, "WamStereoReach-v0", f"hyperparams/paper/{algo}.yml")
-    run = create_run(logs, algo, config.env_id)
-    save_records(run, config, {"algo": algo, "env": config.env_id, "seed": 0})
+    run = create_run(logs, config, {"algo": algo, "env": config.env_id, "seed": 0})
     for step in steps:
         save_model(untrained_model(config, "cpu", seed=step), run / f"rl_model_{step}_steps.zip")
     return run

@@ -26,8 +26,8 @@ from sb3_stereo.envs.robots import WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
 from sb3_stereo.envs.specs import plain
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.training import Result
 from sb3_stereo.training import trainer as training
-from sb3_stereo.training.trainer import Result
 
 ROOT = Path(__file__).parents[2]
 SAME_EVERY_TIME = {"derandomize": True, "deadline": None, "database": None}

@@ -14,7 +14,7 @@ from sb3_stereo.building.factory import make_env
 from sb3_stereo.commands.evaluate import json_scores
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation import protocol as evaluation
-from sb3_stereo.evaluation.callback import append_row, checkpoints, describe
+from sb3_stereo.evaluation.callback import append_row, describe, eval_steps
 from sb3_stereo.evaluation.protocol import evaluate, evaluate_poses, pose_starts, random_starts, summarise
 
 
@@ -174,10 +174,10 @@ def test_pose_starts_fix_everything_else_by_a_seed() -> None:
 
 
 def test_checkpoints_are_the_papers_below_the_end() -> None:
-    assert checkpoints("ddpg", 8500) == (1500, 2000, 5000, 7000)
-    assert checkpoints("dqn", 20_000) == (1500, 3500, 5500, 7500, 10_000)
-    assert checkpoints("ddpg", 100, eval_freq=40) == (40, 80)
-    assert checkpoints("ddpg", 8500, eval_freq=-1) == ()
+    assert eval_steps("ddpg", 8500) == (1500, 2000, 5000, 7000)
+    assert eval_steps("dqn", 20_000) == (1500, 3500, 5500, 7500, 10_000)
+    assert eval_steps("ddpg", 100, eval_freq=40) == (40, 80)
+    assert eval_steps("ddpg", 8500, eval_freq=-1) == ()
 
 
 def test_rows_are_appended_under_one_header(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from tiny_training import tiny_config
 from sb3_stereo.config.schema import load_config
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
-from sb3_stereo.training.trainer import Options, train
+from sb3_stereo.training import Options, train
 from sb3_stereo.viz.saliency import overlaid, saliency
 
 SMALL = {"n_filters": 4, "kernel_sizes": [4, 3], "strides": [2, 2]}

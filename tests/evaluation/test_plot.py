@@ -10,18 +10,15 @@ from sb3_stereo.commands import plot
 from sb3_stereo.config.schema import load_config
 from sb3_stereo.evaluation import curves
 from sb3_stereo.evaluation.callback import append_row
-from sb3_stereo.runs.directory import EVALUATIONS, create_run, save_records
+from sb3_stereo.runs.creation import create_run
+from sb3_stereo.runs.directory import EVALUATIONS
 
 pytest.importorskip("matplotlib")
 
 
 def make_run(folder: Path, scores: dict[int, float], seed: int = 0, **params: float) -> Path:
-    run = create_run(folder, "ddpg", fake_reach.ENV_ID)
-    save_records(
-        run,
-        load_config("ddpg", fake_reach.ENV_ID, params=params),
-        {"algo": "ddpg", "env": fake_reach.ENV_ID, "seed": seed},
-    )
+    config = load_config("ddpg", fake_reach.ENV_ID, params=params)
+    run = create_run(folder, config, {"algo": "ddpg", "env": fake_reach.ENV_ID, "seed": seed})
     for step, score in scores.items():
         append_row(run / EVALUATIONS, {"timesteps": step, **{column: score for column in curves.PANELS}})
     return run

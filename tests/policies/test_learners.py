@@ -18,7 +18,7 @@ from sb3_stereo.policies.extractors import StereoCnn
 from sb3_stereo.runs.directory import model_path
 from sb3_stereo.runs.models import load_model, untrained_model
 from sb3_stereo.runs.training_state import variables
-from sb3_stereo.training.trainer import Options, train
+from sb3_stereo.training import Options, train
 
 pytest.importorskip("sb3_contrib", reason='pip install -e ".[contrib]"')
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "own_learner.py"

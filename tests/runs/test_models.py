@@ -19,7 +19,7 @@ import torch as th
 from sb3_stereo.building.factory import make_model, make_training_env
 from sb3_stereo.commands import evaluate
 from sb3_stereo.config.schema import Config, load_config
-from sb3_stereo.runs.directory import create_run, save_records
+from sb3_stereo.runs.creation import create_run
 from sb3_stereo.runs.models import CHECKSUMS, load_model, load_weights, save_model
 
 NETWORKS = {"n_filters": 4, "features_dim": 8, "embedding_dim": 3}
@@ -39,8 +39,7 @@ def model(config: Config, seed: int = 0) -> Any:
 @pytest.fixture
 def run(logs: Path) -> Path:
     """A run directory with a model, as a training leaves it."""
-    run = create_run(logs, "ddpg", fake_reach.ENV_ID)
-    save_records(run, config(), {"algo": "ddpg", "env": fake_reach.ENV_ID})
+    run = create_run(logs, config(), {"algo": "ddpg", "env": fake_reach.ENV_ID})
     save_model(model(config()), run / "FakeReach-v0.zip")
     return run
 
@@ -205,25 +204,25 @@ def test_a_kill_between_the_model_and_its_checksum_leaves_a_model_that_loads(
 
 FULL_DISK = """
 import resource, sys
-from sb3_stereo.runs import snapshots as checkpoints
+from sb3_stereo.runs import snapshots
 from sb3_stereo.commands import train
-real = checkpoints.save
+real = snapshots.save
 def save(run, step, state):
     size = real(run, step, state).stat().st_size + 1000
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-checkpoints.save = save
+snapshots.save = save
 sys.exit(train.main(sys.argv[1:]))
 """
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file size limits")
 def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(logs: Path) -> None:
-    """The limit of a process's files stands for the end of the disk; the next checkpoint is larger."""
+    """The limit of a process's files stands for the end of the disk; the next snapshot is larger."""
     flags = ["--env", fake_reach.ENV_ID, "--gym-packages", "fake_reach", "-f", str(logs), "--num-threads", "1"]
     flags += ["-n", "60", "--save-freq", "20", "--verbose", "0", "-params", "learning_starts:200", "buffer_size:100"]
     command = [sys.executable, "-c", FULL_DISK, *flags]
     done = subprocess.run(command, cwd=Path(fake_reach.__file__).parent, capture_output=True, text=True, check=False)
     run = logs / "ddpg" / "FakeReach-v0_1"
     assert done.returncode == 2
-    assert done.stderr.startswith(f"error: cannot write a checkpoint to '{run / 'checkpoints'}' (File too large); ")
+    assert done.stderr.startswith(f"error: cannot write to '{run}' (File too large); ")
     assert [path.name.partition("-")[0] for path in (run / "checkpoints").iterdir()] == ["step_20"]

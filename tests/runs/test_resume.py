@@ -14,12 +14,12 @@ from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import DEFAULT_ENV, Config, load_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.protocol import random_starts
-from sb3_stereo.runs import snapshots as checkpoints
-from sb3_stereo.runs.directory import load_record, locked, model_path
+from sb3_stereo.runs import snapshots
+from sb3_stereo.runs.directory import load_record, model_path
 from sb3_stereo.runs.models import load_model
+from sb3_stereo.runs.status import locked
 from sb3_stereo.runs.training_state import variables
-from sb3_stereo.training import trainer as training
-from sb3_stereo.training.trainer import Options, Result, resume, train
+from sb3_stereo.training import Options, Result, resume, session, train
 
 N_TIMESTEPS = 60
 ROOT = Path(__file__).parents[2]
@@ -42,7 +42,7 @@ class Kill(BaseCallback):
 
 @pytest.fixture(autouse=True)
 def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(training, "test_starts", lambda *_: random_starts(4, seed=0))
+    monkeypatch.setattr(session, "test_starts", lambda *_: random_starts(4, seed=0))
 
 
 def config(algo: str = "ddpg", n_envs: int = 1, env_id: str = fake_reach.ENV_ID, **changes: Any) -> Config:
@@ -180,7 +180,7 @@ def test_a_damaged_checkpoint_is_noticed_and_the_one_before_is_used(damage: str,
     content = bytearray(newest.read_bytes())
     middle = len(content) // 2
     newest.write_bytes(content[:middle] if damage == "cut" else content[:middle] + b"?" + content[middle + 1 :])
-    with pytest.warns(UserWarning, match=r"step_24-.* is damaged: its digest is another one; trying the checkpoint"):
+    with pytest.warns(UserWarning, match=r"step_24-.* is damaged: its digest is another one; trying the snapshot"):
         result = resume(run, verbose=0)
     assert_same(weights(result.run), weights(undisturbed("ddpg", 1)))
 
@@ -192,7 +192,7 @@ def test_a_kill_while_a_checkpoint_is_written_leaves_the_one_before(
 
     def half(state: Any, file: Any, **kwargs: Any) -> None:
         save(state, file, **kwargs)
-        if isinstance(state, dict) and state.get("logs") and "step_16" in str(list(logs.rglob("*.pt"))):
+        if isinstance(state, dict) and state.get("files") and "step_16" in str(list(logs.rglob("*.pt"))):
             file.truncate(file.tell() // 2)
             raise Killed
 
@@ -214,7 +214,7 @@ def test_a_checkpoint_is_read_without_running_anything(logs: Path) -> None:
             return (Path.touch, (logs / "executed",))
 
     run = killed_run(logs)
-    checkpoints.save(run, 32, {"training": Evil(), "logs": {}})
+    snapshots.save(run, 32, {"training": Evil()})
     with pytest.raises(
         ConfigError,
         match=r"step_32-.*' holds more than plain data, which is not loaded; remove it, and the one before it is used$",

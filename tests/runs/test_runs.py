@@ -10,15 +10,17 @@ import yaml
 from sb3_stereo.config.schema import parse_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs import directory as runs
+from sb3_stereo.runs.creation import create_run
 
 ENV_ID = fake_reach.ENV_ID
 CONFIG = parse_config(
     "ddpg", ENV_ID, {"n_timesteps": 10, "policy": "CnnPolicy", "gamma": 0.5, "train_freq": [1, "step"]}
 )
+ARGS = {"algo": "ddpg", "env": ENV_ID, "seed": 3}
 
 
 def test_runs_are_numbered_from_one_as_in_the_zoo(logs: Path) -> None:
-    assert [runs.create_run(logs, "ddpg", ENV_ID).relative_to(logs) for _ in range(2)] == [
+    assert [create_run(logs, CONFIG, ARGS).relative_to(logs) for _ in range(2)] == [
         Path("ddpg/FakeReach-v0_1"),
         Path("ddpg/FakeReach-v0_2"),
     ]
@@ -28,7 +30,7 @@ def test_runs_are_numbered_from_one_as_in_the_zoo(logs: Path) -> None:
 
 def test_runs_that_start_together_get_directories_of_their_own(logs: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
-        made = list(pool.map(lambda _: runs.create_run(logs, "ddpg", ENV_ID), range(32)))
+        made = list(pool.map(lambda _: create_run(logs, CONFIG, ARGS), range(32)))
     assert len(set(made)) == 32
 
 
@@ -39,8 +41,7 @@ def test_run_ten_is_later_than_run_nine(logs: Path) -> None:
 
 
 def test_the_saved_configuration_is_plain_yaml_and_reads_back_the_same(logs: Path) -> None:
-    run = runs.create_run(logs, "ddpg", ENV_ID)
-    runs.save_records(run, CONFIG, {"algo": "ddpg", "env": ENV_ID, "seed": 3})
+    run = create_run(logs, CONFIG, ARGS)
     config, args = runs.load_record(run)
     assert (config, args["seed"]) == (CONFIG, 3)
     folder = run / ENV_ID
@@ -49,7 +50,7 @@ def test_the_saved_configuration_is_plain_yaml_and_reads_back_the_same(logs: Pat
 
 
 def test_models_are_found_by_kind(logs: Path) -> None:
-    run = runs.create_run(logs, "ddpg", ENV_ID)
+    run = create_run(logs, CONFIG, ARGS)
     for name in ("FakeReach-v0.zip", "best_model.zip", "rl_model_200_steps.zip", "rl_model_1000_steps.zip"):
         (run / name).touch()
     assert runs.model_path(run, ENV_ID).name == "FakeReach-v0.zip"
@@ -65,7 +66,7 @@ def test_what_is_missing_is_named(logs: Path) -> None:
         f"no run of FakeReach-v0 in '{logs / 'ddpg'}'; "
         f"train one with: python -m sb3_stereo train --algo ddpg --env FakeReach-v0 -f {logs}"
     )
-    run = runs.create_run(logs, "ddpg", ENV_ID)
+    run = create_run(logs, CONFIG, ARGS)
     with pytest.raises(ConfigError) as error:
         runs.find_run(logs, "ddpg", ENV_ID, exp_id=7)
     assert str(error.value) == f"no run 7 of FakeReach-v0 in '{logs / 'ddpg'}'; runs are 1"
@@ -82,5 +83,5 @@ def test_what_is_missing_is_named(logs: Path) -> None:
 def test_a_log_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError) as error:
-        runs.create_run(tmp_path / "file", "ddpg", ENV_ID)
+        create_run(tmp_path / "file", CONFIG, ARGS)
     assert str(error.value) == f"cannot write to '{tmp_path / 'file'}' (Not a directory); choose a log folder with -f"

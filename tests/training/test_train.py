@@ -19,7 +19,7 @@ from sb3_stereo.building.factory import make_callbacks, make_model, make_trainin
 from sb3_stereo.commands import enjoy, evaluate
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import ALGORITHMS, load_config
-from sb3_stereo.training.trainer import Options, train
+from sb3_stereo.training import Options, train
 
 ROOT = Path(__file__).parents[2]
 ENV = ["--env", fake_reach.ENV_ID]

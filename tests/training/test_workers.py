@@ -18,7 +18,7 @@ from sb3_stereo.config.schema import Config, load_config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs.directory import how_to_resume
 from sb3_stereo.runs.snapshots import newest
-from sb3_stereo.training.trainer import Options, train
+from sb3_stereo.training import Options, train
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="signals and /proc")
 

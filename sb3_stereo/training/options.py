@@ -1,0 +1,59 @@
+"""How a training run is done, and what it leaves."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sb3_stereo.evaluation.protocol import Evaluation
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run a training; none of these changes what is learnt, except the seed.
+
+    Attributes:
+        seed: Seeds environments, networks and noise.
+        log_folder: Where the run directory is made.
+        eval_freq: 0 evaluates at the paper's steps, a positive number every so many steps, a negative one only at
+            the end.
+        n_eval_envs: Environments that are stepped together in a score.
+        save_freq: A model and a snapshot every so many environment steps; not positive saves none.
+        tensorboard_log: Folder for TensorBoard; None writes nothing.
+        device: PyTorch device.
+        vec_env: "dummy" or "subproc".
+        trained_agent: A saved model whose networks and optimizers to begin with.
+        trust: Begin with a model that has no checksum, too.
+        progress: True draws a bar, False prints lines, None decides by the terminal.
+        verbose: 0 is silent, 1 shows progress and scores, 2 also SB3's tables.
+    """
+
+    seed: int
+    log_folder: str = "logs"
+    eval_freq: int = 0
+    n_eval_envs: int = 1
+    save_freq: int = -1
+    tensorboard_log: str | None = None
+    device: str = "auto"
+    vec_env: str = "dummy"
+    trained_agent: str | None = None
+    trust: bool = False
+    progress: bool | None = None
+    verbose: int = 1
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a training leaves.
+
+    Attributes:
+        run: The run directory.
+        n_timesteps: Environment steps taken.
+        evaluation: The last score; None if there was none.
+        interrupted: The signal that ended the training early, e.g. "SIGINT"; None if none did.
+        model: The file of the model that was saved; None if the training was interrupted before there was one.
+    """
+
+    run: Path
+    n_timesteps: int
+    evaluation: Evaluation | None
+    interrupted: str | None
+    model: Path | None = None
