@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 from sb3_stereo.config.schema import Config
 from sb3_stereo.config.validation import STRICT, Integer, Number, checked
 from sb3_stereo.errors import ConfigError, unknown
-from sb3_stereo.evaluation.callback import checkpoints
+from sb3_stereo.evaluation.callback import eval_steps
 from sb3_stereo.tuning.parameters import Parameter
 
 STEPS, SCORES = "timesteps", "n_scores"
@@ -127,7 +127,7 @@ def parse_early_terminate(
     parsed = checked(TYPES[kind], keys, "early_terminate")
     if any(parameter.name == "n_timesteps" for parameter in parameters):
         raise ConfigError("early_terminate compares trials of equal length; leave it out, or n_timesteps")
-    n_scores = len(checkpoints(base.algo, base.n_timesteps, eval_freq)) + 1
+    n_scores = len(eval_steps(base.algo, base.n_timesteps, eval_freq)) + 1
     if n_scores == 1:
         raise ConfigError(
             f"early_terminate needs scores during the training; eval_freq: {eval_freq} scores at the end only"
