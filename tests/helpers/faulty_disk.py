@@ -67,7 +67,8 @@ class _Full(io.RawIOBase):
 
 
 def _full(file: Any) -> Any:
-    return io.TextIOWrapper(_Full(file), write_through=True) if isinstance(file, io.TextIOBase) else _Full(file)
+    buffered = io.BufferedWriter(_Full(file), buffer_size=1)  # SB3 takes no other
+    return io.TextIOWrapper(buffered, write_through=True) if isinstance(file, io.TextIOBase) else buffered
 
 
 class FaultyDisk:
