@@ -151,21 +151,20 @@ def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: li
 
 def describe(result: Survey) -> str:
     """Return the measurements as lines for a person."""
-    lines = ["joint                      lower   upper   a full pulse moves it by"]
+    lines = ["joint                      lower   upper   a full action moves it by"]
     for joint, sliding, *numbers in zip(result.joints, result.sliding, *result.limits.T, result.travel, strict=True):
         low, high, travel = (f"{1000 * n:8.0f}" if sliding else f"{n:8.2f}" for n in numbers)
         lines.append(f"{joint:<24}{low}{high}{travel} {'mm' if sliding else 'rad'}")
     mirrored = "null: no choice of signs mirrors the arm"
     if result.mirrored_joints is not None:
-        mirrored = (
-            f"{', '.join(result.mirrored_joints) or 'none of them'}, with pictures that differ from the mirrored "
-        )
+        mirrored = f"{', '.join(result.mirrored_joints) or 'none of them'}, with images that differ from the mirrored "
         mirrored += f"ones by {result.unlikeness:.0%} of what two poses differ by"
+    (everywhere, somewhere), random_steps = result.seen, result.random_steps
     lines += [
         _collisions(result),
-        f"both markers seen: {result.seen[0]:.1%} of the free poses in every view, {result.seen[1]:.1%} in some view",
-        f"blobs beside their markers: {result.misplaced:.1%} of the views",
-        f"goals: {result.goals:.2%} of the free poses; a random agent needs {result.random_steps:.0f} steps for one",
+        f"both markers seen: {everywhere:.1%} of the collision-free poses in every view, {somewhere:.1%} in some view",
+        f"blobs away from their markers: {result.misplaced:.1%} of the views",
+        f"success: {result.goals:.2%} of the collision-free poses; a random agent needs {random_steps:.0f} steps",
         f"mirrored_joints: {mirrored}",
     ]
     return "\n".join(lines)
