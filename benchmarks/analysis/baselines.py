@@ -21,6 +21,7 @@ import numpy as np
 
 import benchmarks
 from benchmarks.analysis.constant import any_constant, best_constant
+from benchmarks.analysis.jacobian import JacobianController
 from benchmarks.analysis.optimum import MAX_STEPS, plan_all
 from benchmarks.analysis.rollouts import BlindSimulation, Floats, constant_action, episode_cap, play, random_actions
 from benchmarks.tables.cells import read
@@ -36,7 +37,10 @@ N_RANDOM = 3  # policies of random actions, whose scores are averaged
 N_CHOICE, CHOICE_SEED = 50, 1  # starts on which a constant action is chosen; those of other arms' tests have seed 0
 N_GOAL_POSES = 200_000
 NEAR = 5.0  # [cm], the threshold of panda-gym and of Fetch
-SCORES = ("success_rate", "mean_steps_success", "mean_steps_capped")
+SCORES = (
+    *("success_rate", "mean_steps_success", "mean_steps_capped"),
+    *("median_distance_success", "p95_distance_success", "within_5cm"),
+)
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,10 @@ TASKS = (
     Task("random", "randomised targets", "WamStereoReachRandom-v0"),
     Task("kuka", "fixed target, the Kuka", "KukaStereoReach-v0"),
     Task("panda", "fixed target, the Panda", "PandaStereoReach-v0"),
+    Task("v1", "fixed target, v1", "WamStereoReach-v1"),
+    Task("v1_random", "randomised targets, v1", "WamStereoReachRandom-v1"),
+    Task("v1_kuka", "fixed target, the Kuka, v1", "KukaStereoReach-v1"),
+    Task("v1_panda", "fixed target, the Panda, v1", "PandaStereoReach-v1"),
 )
 
 
@@ -143,6 +151,13 @@ def score_any_constant(task: Task, n_workers: int) -> list[Line]:
     return [line("any constant", "some constant action of DQN's 81", scores)]
 
 
+def score_jacobian(task: Task, n_workers: int) -> list[Line]:
+    """The controller of `benchmarks.analysis.jacobian`."""
+    with closing(task.make()) as env:
+        score = play(env, task.test_starts(), JacobianController(env.unwrapped))
+    return [line("jacobian", "Jacobian controller that knows the state", [score])]
+
+
 def score_planner(task: Task, n_workers: int) -> list[Line]:
     """The planner of `benchmarks.analysis.optimum`."""
     with closing(task.make()) as env:
@@ -157,6 +172,7 @@ BASELINES: dict[str, Callable[[Task, int], list[Line]]] = {
     "random": score_random,
     "any constant": score_any_constant,
     "constant": score_constant,
+    "jacobian": score_jacobian,
     "planner": score_planner,
 }
 
@@ -170,7 +186,8 @@ def write_lines(record: Path, lines: Sequence[Line]) -> None:
     """Write a record anew, in one step."""
     record.parent.mkdir(parents=True, exist_ok=True)
     with replacing(record) as partial, partial.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(lines[0]), lineterminator="\n")
+        columns = dict.fromkeys(column for known in lines for column in known)  # older lines have fewer
+        writer = csv.DictWriter(file, fieldnames=list(columns), restval="nan", lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
 

@@ -16,8 +16,8 @@ Policy = Callable[[Any, Mapping[str, Any]], Any]  # from an observation and `inf
 def play(env: gym.Env[Any, Any], starts: Sequence[Start], policy: Policy) -> Evaluation:
     """Score a policy, one episode from each start."""
     records = [_episode(env, start, policy) for start in starts]
-    success, steps, distance, returns = (np.array(column) for column in zip(*records, strict=True))
-    return summarise(success, steps, distance, returns, episode_cap(env))
+    success, steps, pixels, returns, distance = (np.array(column) for column in zip(*records, strict=True))
+    return summarise(success, steps, pixels, returns, episode_cap(env), distance=distance)
 
 
 def episode_cap(env: gym.Env[Any, Any]) -> int:
@@ -26,14 +26,14 @@ def episode_cap(env: gym.Env[Any, Any]) -> int:
     return env.spec.max_episode_steps
 
 
-def _episode(env: gym.Env[Any, Any], start: Start, policy: Policy) -> tuple[bool, int, float, float]:
-    """Success, steps, final pixel distance and return of one episode."""
+def _episode(env: gym.Env[Any, Any], start: Start, policy: Policy) -> tuple[bool, int, float, float, float]:
+    """Success, steps, final pixel distance, return and final distance in [m] of one episode."""
     observation, info = env.reset(**start)
     steps, total, ended = 0, 0.0, False
     while not ended:
         observation, reward, terminated, truncated, info = env.step(policy(observation, info))
         steps, total, ended = steps + 1, total + float(reward), terminated or truncated
-    return bool(info["is_success"]), steps, float(np.mean(info["pixel_distances"])), total
+    return bool(info["is_success"]), steps, float(np.mean(info["pixel_distances"])), total, info["distance"]
 
 
 def random_actions(env: gym.Env[Any, Any], seed: int) -> Policy:

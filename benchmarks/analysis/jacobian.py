@@ -1,0 +1,84 @@
+"""A scripted controller that knows the state: joint angles that reach, from the Jacobian, and efforts in proportion.
+
+It sees no image. What it lacks against the planner is a model of how the joints' motions disturb each other.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from benchmarks.analysis.rollouts import Floats
+
+N_PULSES = 10  # per joint, from which its travel is measured
+N_STEPS, MAX_STEP = 60, 0.3  # of the search for joint angles, and its largest in [rad]
+DAMPING = 0.05  # [m], of the least squares: what keeps a step bounded where the arm is stretched
+EPSILON = 1e-5  # [rad]
+NEAR = 0.005  # [m], where the search ends
+N_GUESSES = 8  # of joint angles to search from, the present ones first
+
+
+class JacobianController:
+    """Reaches by damped least squares on the kinematics, one pulse after another.
+
+    Args:
+        env: A `StereoReachEnv`, without wrappers.
+        seed: Of the poses from which the joints' travel is measured, and of guesses.
+    """
+
+    def __init__(self, env: Any, seed: int = 0) -> None:
+        self.env, self.rng = env, np.random.default_rng(seed)
+        self.low, self.high = env.arm.limits.T
+        self.travel = self._measured_travel()
+
+    def __call__(self, observation: Any, info: Mapping[str, Any]) -> Floats:
+        """The action for the present state, shape (n_joints,), in [-1, 1]; a `rollouts.Policy`."""
+        here = self.env.arm.actuated_positions
+        action = (self._joints_at(info["target_position"], here) - here) / self.travel
+        return np.asarray(action / max(1.0, np.abs(action).max()), np.float32)  # all joints arrive together
+
+    def _measured_travel(self) -> Floats:
+        """Displacement of each joint by a full pulse of it alone, the median, shape (n_joints,), in [rad]."""
+        moved = np.zeros((N_PULSES, len(self.low)))
+        for number, joint in np.ndindex(moved.shape):
+            self.env.reset(seed=int(self.rng.integers(2**31)))
+            before = self.env.arm.actuated_positions
+            action = np.zeros(len(self.low))
+            action[joint] = 1.0 if before[joint] < (self.low + self.high)[joint] / 2 else -1.0
+            self.env.step(action)
+            moved[number, joint] = abs(self.env.arm.actuated_positions[joint] - before[joint])
+        return np.asarray(np.median(moved, axis=0))
+
+    def _joints_at(self, target: Floats, here: Floats) -> Floats:
+        """Joint angles with the end effector at the target, the fewest pulses from `here`; else the nearest found."""
+        state = self.env.save_state()
+        guesses = [here, *self.rng.uniform(self.low, self.high, (N_GUESSES - 1, len(here)))]
+        found = [self._search(target, guess) for guess in guesses]
+        self.env.restore_state(state)
+        self.env.remove_state(state)
+        nearest = max(min(error for error, _ in found), NEAR)
+        return min(
+            (joints for error, joints in found if error <= nearest),
+            key=lambda joints: float(np.abs((joints - here) / self.travel).max()),
+        )
+
+    def _search(self, target: Floats, joints: Floats) -> tuple[float, Floats]:
+        """Distance in [m] and joint angles where damped least squares end."""
+        for _ in range(N_STEPS):
+            error = target - self._end_effector(joints)
+            if np.linalg.norm(error) < NEAR:
+                break
+            jacobian = self._jacobian(joints)
+            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING**2 * np.eye(3), error)
+            joints = np.clip(joints + step * min(1.0, MAX_STEP / np.abs(step).max()), self.low, self.high)
+        return float(np.linalg.norm(target - self._end_effector(joints))), joints
+
+    def _jacobian(self, joints: Floats) -> Floats:
+        """Derivative of the end effector's position by the joint angles, shape (3, n_joints)."""
+        steps = EPSILON * np.eye(len(joints))
+        ahead = [self._end_effector(joints + step) - self._end_effector(joints - step) for step in steps]
+        return np.asarray(np.array(ahead).T / (2 * EPSILON))
+
+    def _end_effector(self, joints: Floats) -> Floats:
+        self.env.arm.rest_at(joints)
+        return np.asarray(self.env.arm.end_effector_position)
