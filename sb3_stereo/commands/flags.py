@@ -71,7 +71,11 @@ def add_process_flags(parser: argparse.ArgumentParser, num_threads: int = -1) ->
         "--num-threads", type=at_least(1, -1), default=num_threads, help=f"PyTorch threads (default: {threads})"
     )
     parser.add_argument(
-        "--gym-packages", nargs="+", default=[], metavar="PACKAGE", help="packages that register further environments"
+        "--gym-packages",
+        nargs="+",
+        default=[],
+        metavar="PACKAGE",
+        help="packages that register further environments, or have classes that the YAML names",
     )
     parser.add_argument(
         "--verbose", type=at_least(0), default=1, help="0 silent, 1 progress, 2 SB3's tables (default: 1)"

@@ -149,14 +149,17 @@ def report(result: "Result", seconds: float, verbose: int) -> int:
 
 def resume_command(args: argparse.Namespace) -> int:
     """Go on with a run and say how it went, and in a line each what of it was damaged."""
+    from sb3_stereo.config.modules import import_installed, import_packages
     from sb3_stereo.errors import ConfigError
-    from sb3_stereo.runs.directory import load_record
+    from sb3_stereo.runs.directory import load_record, read_record
     from sb3_stereo.training.trainer import resume
 
     given = [name for name, value in vars(make_parser().parse_args([])).items() if getattr(args, name) != value]
-    for name in set(given) - {"resume", "verbose"}:
+    for name in set(given) - {"resume", "verbose", "gym_packages"}:
         raise ConfigError(f"--resume takes the run's own settings, got '{name}' too; leave it out")
     run = Path(args.resume)
+    import_packages(args.gym_packages)
+    import_installed(read_record(run).packages)
     with runtime.threads_for(load_record(run)[1].get("num_threads", -1)), warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: print(f"warning: {message}", file=sys.stderr)
         start = time.monotonic()

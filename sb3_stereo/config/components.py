@@ -6,10 +6,10 @@ import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 from sb3_stereo.config import limits
+from sb3_stereo.config.modules import NotNamedError, import_known
 from sb3_stereo.config.validation import fits
 from sb3_stereo.errors import ConfigError, unknown
 
@@ -51,7 +51,9 @@ def import_class(path: object, kind: type, name: str) -> type:
         raise ConfigError(f"{name} must be a dotted path 'package.module.Class', got {path!r}")
     module, _, attribute = path.rpartition(".")
     try:
-        found = getattr(import_module(module), attribute)
+        found = getattr(import_known(module, name), attribute)
+    except NotNamedError:
+        raise
     except Exception as error:  # whatever a module does when it is imported
         raise ConfigError(f"{name}: cannot import '{path}' ({error}); the form is package.module.Class") from error
     if not (isinstance(found, type) and issubclass(found, kind)):

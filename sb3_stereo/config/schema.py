@@ -309,9 +309,18 @@ def _linear(value: str, key: str) -> float:
 
 def settings(config: Config) -> dict[str, Any]:
     """Return a configuration with dotted keys, `policy_kwargs.n_critics`; a wrapper or callback by its class."""
-    plain = config.plain()
-    components = [item for key in ("env_wrapper", "callback") for item in plain.pop(key)]
-    return {"algo": config.algo, **flatten(plain), **dict(map(_component, components))}
+    return plain_settings(config.algo, config.plain())
+
+
+def plain_settings(algo: str, plain: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the same of a configuration as YAML holds it.
+
+    Raises:
+        AttributeError, TypeError, ValueError: If it holds something else.
+    """
+    components = [item for key in ("env_wrapper", "callback") for item in plain.get(key) or ()]
+    others = {key: value for key, value in plain.items() if key not in ("env_wrapper", "callback")}
+    return {"algo": algo, **flatten(others), **dict(map(_component, components))}
 
 
 def _component(item: str | Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.config.schema import settings
+from sb3_stereo.config.schema import plain_settings
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.scores import read_scores
-from sb3_stereo.runs.directory import load_record
+from sb3_stereo.runs.directory import read_record
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def readable_runs(runs: Sequence[Path]) -> tuple[list[Path], list[str]]:
     found, left_out = [], []
     for run in {run.resolve(): run for run in runs}.values():
         try:
-            load_record(run)
+            _settings(run)
             read_scores(run)
             found.append(run)
         except ConfigError as error:
@@ -46,11 +46,20 @@ def readable_runs(runs: Sequence[Path]) -> tuple[list[Path], list[str]]:
     return found, left_out
 
 
+def _settings(run: Path) -> dict[str, Any]:
+    """A run's settings as its record has them: drawing needs no environment, so nothing is imported."""
+    record = read_record(run)
+    try:
+        return plain_settings(record.algo, record.config)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ConfigError(f"'{run}' is not the record of a training ({type(error).__name__})") from error
+
+
 def group_runs(runs: Sequence[Path]) -> list[Curves]:
     """Put runs of equal configuration together, and label the groups by what differs."""
     groups: list[tuple[dict[str, Any], list[Path]]] = []
     for run in runs:
-        found = settings(load_record(run)[0])
+        found = _settings(run)
         members = next((members for known, members in groups if known == found), None)
         if members is None:
             groups.append((found, [run]))

@@ -8,14 +8,16 @@ logs/ddpg/WamStereoReach-v0_1/
 import csv
 import os
 import re
-from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import yaml
+import gymnasium as gym
 
+from sb3_stereo.config.modules import import_packages as import_packages
+from sb3_stereo.config.modules import is_installed
 from sb3_stereo.config.schema import Config, check_env_id, parse_config
 from sb3_stereo.console import command_line
+from sb3_stereo.envs import plain_yaml
 from sb3_stereo.errors import ConfigError
 
 BEST_MODEL = "best_model.zip"
@@ -60,31 +62,53 @@ def find_run(log_folder: str | Path, algo: str, env_id: str, exp_id: int = 0) ->
 
 
 def load_record(run: str | Path) -> tuple[Config, dict[str, Any]]:
-    """Return a run's configuration and the arguments of its command.
+    """Return a run's configuration and the arguments of its command. Nothing is imported because a record names it.
 
     Raises:
-        ConfigError: If the directory holds no run.
+        ConfigError: If the directory holds no run, or the run needs packages that are not imported.
+    """
+    record = read_record(run)
+    if record.env_id not in gym.registry and record.packages:
+        what = f"'{run}' is of the environment '{record.env_id}', which no imported package registers"
+        raise ConfigError(f"{what}; if you trust its record, add --gym-packages {' '.join(record.packages)}")
+    check_env_id(record.env_id)
+    return parse_config(record.algo, record.env_id, record.config), record.args
+
+
+class Record(NamedTuple):
+    """What a run's `args.yml` and `config.yml` say: names are texts, all else is unchecked."""
+
+    algo: str
+    env_id: str
+    packages: list[str]
+    config: dict[str, Any]
+    args: dict[str, Any]
+
+
+def read_record(run: str | Path) -> Record:
+    """Return a run's record as it is written.
+
+    Raises:
+        ConfigError: If the directory holds no run, or its record is damaged.
     """
     file = arguments_file(run)
     try:
-        args, config = _read_map(file), _read_map(file.parent / "config.yml")
+        args, config = _read_map(file), _read_map(file.with_name("config.yml"))
         algo, env_id, packages = args["algo"], args["env"], args.get("gym_packages") or []
-        if not all(isinstance(name, str) for name in (algo, env_id, *packages)):
+        if not all(isinstance(name, str) for name in (algo, env_id, *packages, *args, *config)):
             raise TypeError("names are texts")
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"'{file.parent}' is not the record of a training ({type(error).__name__})") from error
-    import_packages(packages)
-    check_env_id(env_id)
-    return parse_config(algo, env_id, config), args
+    return Record(algo, env_id, list(packages), config, args)
 
 
-def _read_map(file: Path) -> dict[str, Any]:
+def _read_map(file: Path) -> dict[Any, Any]:
     """Return the map in a YAML file.
 
     Raises:
-        OSError, yaml.YAMLError, TypeError, ValueError: If there is none.
+        OSError, TypeError, ValueError: If there is none.
     """
-    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    content = plain_yaml.read(file)
     if not isinstance(content, dict):
         raise TypeError(f"not a map: {type(content).__name__}")
     return content
@@ -119,7 +143,9 @@ def scores_by_step(run: str | Path) -> dict[int, dict[str, float]]:
 
 def how_to_resume(run: Path) -> str:
     """Return the way out of an interruption, as a clause."""
-    return f"go on with: {command_line('train', '--resume', os.path.relpath(run))}"
+    packages = [name for name in read_record(run).packages if not is_installed(name)]
+    flags = ["--gym-packages", *packages] if packages else []
+    return f"go on with: {command_line('train', '--resume', os.path.relpath(run), *flags)}"
 
 
 def how_to_watch(run: Path) -> str:
@@ -129,16 +155,6 @@ def how_to_watch(run: Path) -> str:
     if args.get("gym_packages"):
         flags += ["--gym-packages", *args["gym_packages"]]
     return command_line("enjoy", *flags, "--exp-id", run.name.rpartition("_")[2], "--load-best")
-
-
-def import_packages(names: Any) -> None:
-    """Import the packages that register further environments."""
-    for name in names:
-        try:
-            import_module(name)
-        except (Exception, SystemExit) as error:  # whatever a package does when it is imported
-            reason = f"{type(error).__name__}: {error}" if not isinstance(error, ImportError) else str(error)
-            raise ConfigError(f"cannot import the package '{name}' ({reason}); check --gym-packages") from error
 
 
 def checkpoint_steps(run: Path) -> list[int]:

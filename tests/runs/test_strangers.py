@@ -3,6 +3,7 @@
 import io
 import pickle
 import shutil
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,8 +16,13 @@ import yaml
 from memory import takes_less_than
 from tiny_training import tiny_config
 
+from sb3_stereo.commands import evaluate
+from sb3_stereo.commands import train as train_cli
+from sb3_stereo.config import modules
 from sb3_stereo.config.schema import Config, load_config
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.evaluation import curves
+from sb3_stereo.runs.directory import load_record
 from sb3_stereo.runs.files import sha256
 from sb3_stereo.runs.models import CHECKSUMS, load_model, load_weights, untrained_model
 from sb3_stereo.training.trainer import Options, train
@@ -220,3 +226,127 @@ def test_settings_that_ask_for_more_than_the_file_holds_make_no_networks(run: Pa
         f"the settings of '{run / 'FakeReach-v0.zip'}' ask for networks of more than {limit:.0f} MB, which it does not "
         "hold; choose a model of the same settings"
     )
+
+
+@pytest.fixture
+def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A module in the current folder, where Python finds it; it must not be imported."""
+    folder = tmp_path / "unpacked"
+    folder.mkdir()
+    (folder / "strangers_code.py").write_text("import pathlib\npathlib.Path('executed').touch()\nclass Policy: pass\n")
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.delitem(sys.modules, "strangers_code", raising=False)
+    return "strangers_code"
+
+
+def change(file: Path, **changes: Any) -> None:
+    file.write_text(yaml.safe_dump({**yaml.safe_load(file.read_text()), **changes}))
+
+
+def test_packages_of_a_record_are_not_imported(stranger: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change(run / "FakeReach-v0" / "args.yml", gym_packages=["fake_reach", stranger])
+    assert evaluate.main([str(run), "--poses", "1", "--num-threads", "1", "--n-envs", "1", "--verbose", "0"]) == 0
+    assert train_cli.main(["--resume", str(run)]) == 2
+    assert f"'{run}' has ended after 30 steps" in capsys.readouterr().err
+    assert not Path("executed").exists()
+
+
+def test_a_run_of_an_unknown_environment_names_the_packages_to_ask_for(stranger: str, run: Path) -> None:
+    change(run / "FakeReach-v0" / "args.yml", gym_packages=["fake_reach", stranger], env="Nowhere-v0")
+    with pytest.raises(ConfigError) as caught:
+        load_record(run)
+    assert str(caught.value) == (
+        f"'{run}' is of the environment 'Nowhere-v0', which no imported package registers; if you trust its record, "
+        "add --gym-packages fake_reach strangers_code"
+    )
+    assert not Path("executed").exists()
+
+
+KEYS: dict[str, Any] = {
+    "policy": "strangers_code.Policy",
+    "callback": "strangers_code.Policy",
+    "env_wrapper": [{"strangers_code.Policy": {}}],
+    "replay_buffer_class": "strangers_code.Policy",
+    "policy_kwargs": {"features_extractor_class": "strangers_code.Policy"},
+}
+
+
+@pytest.mark.parametrize("key", list(KEYS))
+def test_classes_of_modules_that_nobody_named_are_not_imported(
+    key: str, stranger: str, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    change(run / "FakeReach-v0" / "config.yml", **{key: KEYS[key]})
+    with pytest.raises(ConfigError) as caught:
+        load_record(run)
+    assert str(caught.value).endswith(
+        f": '{stranger}' is not imported because a file names it; if you trust it, add --gym-packages {stranger}"
+    )
+    assert not Path("executed").exists()
+    monkeypatch.setattr(modules, "_named", set())
+    modules.import_packages([stranger])
+    with pytest.raises(ConfigError, match="is not a subclass of"):
+        load_record(run)
+    assert Path("executed").exists()
+
+
+def test_a_yaml_file_imports_only_what_is_named_too(stranger: str) -> None:
+    with pytest.raises(ConfigError, match="is not imported because a file names it"):
+        load_config("ddpg", fake_reach.ENV_ID, params={"policy": f"{stranger}.Policy"})
+    assert not Path("executed").exists()
+
+
+def test_resuming_finds_packages_wherever_one_stands_but_not_in_the_current_folder(
+    stranger: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "users_code.py").write_text("")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert modules.is_installed("users_code") and not modules.is_installed(stranger)
+    assert not modules.is_installed("antigravity"), "what opens a browser"
+    assert not modules.is_installed("..")
+    monkeypatch.setattr(modules, "_named", set())
+    modules.import_installed(["users_code", stranger, "antigravity", ".."])
+    assert "users_code" in sys.modules and stranger not in sys.modules
+    assert sys.path[:2] == [str(tmp_path), str(tmp_path / "unpacked")], "the search path is as before"
+
+
+def test_a_plot_needs_no_packages(stranger: str, run: Path) -> None:
+    change(run / "FakeReach-v0" / "args.yml", gym_packages=[stranger], env="Nowhere-v0")
+    assert curves.readable_runs([run]) == ([run], [])
+    assert [group.label for group in curves.group_runs([run])] == ["ddpg (1 run)"]
+    assert not Path("executed").exists()
+
+
+RECORDS: dict[str, tuple[str, Callable[[str], str | bytes], str]] = {
+    "an empty file": ("args.yml", lambda text: "", "TypeError"),
+    "a list": ("config.yml", lambda text: "[1, 2]", "TypeError"),
+    "a number": ("config.yml", lambda text: "7", "TypeError"),
+    "no algorithm": ("args.yml", lambda text: text.replace("algo: ddpg\n", ""), "KeyError"),
+    "a list for the algorithm": ("args.yml", lambda text: text.replace("algo: ddpg", "algo: [ddpg]"), "TypeError"),
+    "packages that are a number": ("args.yml", lambda text: f"{text}gym_packages: 3\n", "TypeError"),
+    "packages that are numbers": ("args.yml", lambda text: f"{text}gym_packages: [3]\n", "TypeError"),
+    "numbers for names": ("config.yml", lambda text: f"{text}3: 4\n", "TypeError"),
+    "not UTF-8": ("args.yml", lambda text: b"\xff\xfe", "UnicodeDecodeError"),
+    "a date that is none": ("config.yml", lambda text: f"{text}gamma: 2020-99-99\n", "ValueError"),
+    "no YAML": ("config.yml", lambda text: "{", "ValueError"),
+    "aliases": (
+        "config.yml",
+        lambda text: (
+            "a: &a [x,x,x,x,x,x,x,x,x]\n"
+            + "".join(f"{b}: &{b} [{','.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+        ),
+        "ValueError",
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", list(RECORDS))
+def test_a_damaged_record_is_one_sentence(damage: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name, damaged, error = RECORDS[damage]
+    file = run / "FakeReach-v0" / name
+    content = damaged(file.read_text())
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    for main, argv in ((evaluate.main, [str(run)]), (train_cli.main, ["--resume", str(run)])):
+        assert main(argv) == 2
+        message = capsys.readouterr().err
+        assert message == f"error: '{run / 'FakeReach-v0'}' is not the record of a training ({error})\n"
