@@ -54,7 +54,12 @@ def is_installed(name: str) -> bool:
     if not top.isidentifier() or top in sys.stdlib_module_names:
         return False
     with _without_current_folder():
-        return any(finder.find_spec(top, None) is not None for finder in sys.meta_path)
+        return _is_found(top)
+
+
+def _is_found(name: str) -> bool:
+    """Whether there is a top-level module of that name; it is not imported for that."""
+    return any(finder.find_spec(name, None) is not None for finder in sys.meta_path)
 
 
 @contextmanager
@@ -77,9 +82,10 @@ def import_known(module: str, name: str) -> ModuleType:
 
     Raises:
         NotNamedError: If it is neither imported, nor of our libraries, nor of a package that the user has named.
+        ImportError: If there is none.
     """
     parents = {module.rsplit(".", n)[0] for n in range(module.count(".") + 1)}
-    if module not in sys.modules and not parents & (LIBRARIES | _named):
+    if module not in sys.modules and not parents & (LIBRARIES | _named) and _is_found(module.partition(".")[0]):
         way_out = f"if you trust it, add --gym-packages {module}"
         raise NotNamedError(f"{name}: '{module}' is not imported because a file names it; {way_out}")
     return import_module(module)
