@@ -19,15 +19,6 @@ class Refused(ConfigError):
 
 
 @contextmanager
-def refusals_are_errors() -> Iterator[None]:
-    """Turn the ValueErrors of constructors, which say what is allowed, into the user's error."""
-    try:
-        yield
-    except (ValueError, ConfigError) as error:
-        raise Refused(str(error)) from error
-
-
-@contextmanager
 def losses_are_errors(run: Path) -> Iterator[None]:
     """Tell of a dead process or a disk that cannot be written how to go on."""
     try:

@@ -11,6 +11,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_stereo.building.factory import make_callbacks, make_env, make_model, make_training_env
 from sb3_stereo.building.workers import close, deaths_are_errors
 from sb3_stereo.config.schema import Config
+from sb3_stereo.errors import setting_up
 from sb3_stereo.evaluation.callback import OnEvaluation, PoseEvalCallback, eval_steps
 from sb3_stereo.evaluation.protocol import test_starts
 from sb3_stereo.evaluation.tensorboard import TensorboardPictures
@@ -19,7 +20,7 @@ from sb3_stereo.runs.directory import env_name
 from sb3_stereo.runs.models import load_weights, save_model
 from sb3_stereo.runs.tensorboard import event_sizes
 from sb3_stereo.runs.training_state import State
-from sb3_stereo.training.errors import Refused, refusals_are_errors
+from sb3_stereo.training.errors import Refused
 from sb3_stereo.training.options import Options, Result
 from sb3_stereo.training.progress import Progress
 from sb3_stereo.training.signals import Interruptions, StopOnSignal
@@ -76,17 +77,18 @@ class Session:
     def _learn(self, interruptions: Interruptions) -> None:
         config, options, state = self.config, self.options, self._state
         self._state = None  # it is as large as the replay buffer
-        with refusals_are_errors():
+        with setting_up(config.env_id, Refused):
             self._env = make_training_env(config, options.seed, str(self.run), options.vec_env, state is not None)
         with deaths_are_errors(self._env):
-            with refusals_are_errors():
+            with setting_up(config.algo, Refused):
                 self._model = make_model(
                     config, self._env, options.seed, options.device, verbose=max(0, options.verbose - 1)
                 )
                 if options.trained_agent and state is None:
                     load_weights(self._model, Path(options.trained_agent), options.trust)
             self._model.set_logger(_logger(self.run, self.tensorboard, options.verbose))
-            callbacks = self._callbacks()
+            with setting_up("the callbacks", Refused):
+                callbacks = self._callbacks()
             snapshot = snapshots.SaveSnapshots(
                 self.run, options.save_freq, callbacks, lambda: event_sizes(self.tensorboard), state
             )
@@ -137,10 +139,11 @@ def _logger(run: Path, tensorboard: Path | None, verbose: int) -> Logger:
 def _learn(model: "BaseAlgorithm", n_timesteps: int, callbacks: list[BaseCallback]) -> None:
     try:
         model.learn(n_timesteps, callback=callbacks)
-    except ValueError as error:
+    except Exception:
         if model.num_timesteps > 0:
             raise
-        raise Refused(str(error)) from error  # a callback that does not go with this model
+        with setting_up("the training run", Refused):  # what does not go together is noticed before the first step
+            raise
     finally:
         for callback in callbacks:
             if isinstance(callback, Progress):
