@@ -2,19 +2,22 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.composite import HEIGHT, WIDTH
-from sb3_stereo.envs.specs import MAX_NUMBER, as_number, fit, quoted, require, require_known
+from sb3_stereo.envs.specs import quoted, require, require_known
+from sb3_stereo.envs.validation import MAX_NUMBER, Flag, Number, fit
 
 Floats = NDArray[np.float64]
+Positive = Annotated[Number, Field(gt=0)]
 
 MAX_PULSE_STEPS = 100_000  # some seconds of computing
-MAX_PHYSICS_RATE = 100_000  # [Hz]
+PhysicsRate = Annotated[Number, Field(ge=240, le=100_000)]  # [Hz]
 RESET_OPTIONS = ("joint_positions", "target_position")
 SUCCESS_FRAMES = ("frame", "observation")
 
@@ -29,7 +32,7 @@ def check_render_mode(mode: object, modes: Sequence[str]) -> None:
 def check_flags(**flags: object) -> None:
     """Raise a ValueError unless all are true or false."""
     for name, flag in flags.items():
-        fit(flag, bool, name)
+        fit(flag, Flag, name)
 
 
 def check_pictures(views: Sequence[CameraSpec]) -> None:
@@ -70,19 +73,10 @@ def checked_seed(seed: Any) -> int | None:
     return None if seed is None else int(seed)
 
 
-def positive(name: str, value: Any) -> float:
-    """`value` as a positive number."""
-    number = as_number(value) or 0.0
-    require(number > 0.0, f"{name} is {quoted(value)}; give a positive number")
-    return number
-
-
 def timing(physics_rate: Any, pulse_duration: Any) -> tuple[float, int]:
     """The simulation's rate in [Hz] and the steps that a pulse takes."""
-    rate, given = as_number(physics_rate) or 0.0, f"physics_rate is {quoted(physics_rate)}"
-    require(rate >= 240, f"{given}; give at least 240 Hz")
-    require(rate <= MAX_PHYSICS_RATE, f"{given}; give at most {MAX_PHYSICS_RATE} Hz")
-    n_steps = positive("pulse_duration", pulse_duration) * rate
+    rate: float = fit(physics_rate, PhysicsRate, "physics_rate")
+    n_steps = rate * fit(pulse_duration, Positive, "pulse_duration")
     so_many = f"pulse_duration is {quoted(pulse_duration)}, which takes {n_steps:.3g} simulation steps"
     require(n_steps <= MAX_PULSE_STEPS, f"{so_many}; give a shorter one, of at most {MAX_PULSE_STEPS} steps")
     return rate, max(1, round(n_steps))

@@ -2,20 +2,22 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from sb3_stereo.envs.specs import fit_fields, from_map, plain, quoted, read_yaml, require, require_known
+from sb3_stereo.envs.specs import plain, quoted, read_yaml, require, require_known
+from sb3_stereo.envs.validation import STRICT, Integer, Quantity, Text, Vector, explained, from_map
 
-Vector = tuple[float, float, float]
 Frame = NDArray[np.uint8]
 
 MAX_SIDE = 4096  # [px], of a frame: 64 MiB
+Pixels = Annotated[Integer, Field(ge=1, le=MAX_SIDE)]
 
 # Mostly ambient: tones stay within a quarter of their nominal luminance, so that shells and markers stay apart.
 LIGHT: dict[str, Any] = {
@@ -27,7 +29,8 @@ LIGHT: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
+@explained("camera")
+@dataclass(frozen=True, config=STRICT)
 class CameraSpec:
     """A fixed pinhole camera.
 
@@ -46,23 +49,20 @@ class CameraSpec:
         ValueError: If a value makes no picture.
     """
 
-    name: str
+    name: Text
     position: Vector
     target: Vector = (0.0, 0.0, 0.6)
     up: Vector = (0.0, 0.0, 1.0)
-    horizontal_fov: float = math.pi / 3
-    width: int = 320
-    height: int = 240
-    near: float = 0.1
-    far: float = 10.0
+    horizontal_fov: Quantity = math.pi / 3
+    width: Pixels = 320
+    height: Pixels = 240
+    near: Quantity = 0.1
+    far: Quantity = 10.0
 
     def __post_init__(self) -> None:
         this = f"camera {quoted(self.name)}"
-        fit_fields(self, this)
-        fov, size = self.horizontal_fov, (self.width, self.height)
+        fov = self.horizontal_fov
         require(0.0 < fov < math.pi, f"{this}: horizontal_fov is {fov}; give radians in (0, pi)")
-        require(min(size) >= 1, f"{this}: {quoted(size[0])} x {quoted(size[1])} px; give at least 1 x 1")
-        require(max(size) <= MAX_SIDE, f"{this}: {quoted(max(size))} px; give at most {MAX_SIDE} a side")
         require(0.0 < self.near < self.far, f"{this}: near {self.near}, far {self.far}; give 0 < near < far")
         forward = np.subtract(self.target, self.position)
         aside = np.linalg.norm(np.cross(forward, self.up))

@@ -1,22 +1,29 @@
 """What the markers of end effector and target are, and how an image tells where they are."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from sb3_stereo.envs.circles import find_circles
 from sb3_stereo.envs.markers import Blobs, find_blobs
 from sb3_stereo.envs.robots import ArmSpec
-from sb3_stereo.envs.specs import fit_fields, from_map, require, require_known
+from sb3_stereo.envs.specs import require_known
+from sb3_stereo.envs.validation import STRICT, Flag, Quantity, Text, explained, from_map
 
 Finder = Callable[[NDArray[np.uint8], tuple[float, float]], Blobs]  # of a frame, and of how large the balls look [px]
 MEASURES: dict[str, Finder] = {"centroid": lambda frame, radii: find_blobs(frame), "circle": find_circles}
 
 
-@dataclass(frozen=True)
+Radius = Annotated[Quantity, Field(gt=0)]
+
+
+@explained("markers")
+@dataclass(frozen=True, config=STRICT)
 class MarkerSpec:
     """The two balls that mark end effector and target.
 
@@ -34,18 +41,14 @@ class MarkerSpec:
         ValueError: If a value makes no marker.
     """
 
-    measure: str = "centroid"
-    end_effector_radius: float | None = None
-    target_radius: float | None = None
-    standoff: float = 0.0
-    hollow_target: bool = False
+    measure: Text = "centroid"
+    end_effector_radius: Radius | None = None
+    target_radius: Radius | None = None
+    standoff: Quantity = 0.0
+    hollow_target: Flag = False
 
     def __post_init__(self) -> None:
-        fit_fields(self, "markers")
         require_known("measure of markers", self.measure, MEASURES, "measures")
-        for name in ("end_effector_radius", "target_radius"):
-            radius = getattr(self, name)
-            require(radius is None or radius > 0, f"markers: {name} is {radius}; give a positive number")
 
     def carried_by(self, arm: ArmSpec) -> ArmSpec:
         """The arm with the end effector's marker where and as large as it is here."""

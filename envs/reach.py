@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike
 
 from sb3_stereo.envs import rewards
 from sb3_stereo.envs.arguments import (
+    Positive,
     bounded,
     check_flags,
     check_pictures,
     check_render_mode,
     checked_reset_options,
     checked_seed,
-    positive,
     success_scale,
     timing,
     vector,
@@ -30,6 +30,7 @@ from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.sight import Floats, Image
 from sb3_stereo.envs.specs import plain, quoted, require
+from sb3_stereo.envs.validation import fit
 from sb3_stereo.envs.world import World
 
 PulseWatcher = tuple[Callable[[list[float]], object], int]  # what it calls with the efforts [N m], and parts of a pulse
@@ -113,7 +114,7 @@ class StereoReachEnv(SimulatedEnv):
         floor: bool = False,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
-        rho, distance_scale = positive("rho", rho), positive("distance_scale", distance_scale)
+        rho, distance_scale = fit(rho, Positive, "rho"), fit(distance_scale, Positive, "distance_scale")
         physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
         check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
         marks, views = marker_spec(markers), camera_specs(cameras, framing)

@@ -3,18 +3,34 @@
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
-from sb3_stereo.envs.specs import fit_fields, from_map, quoted, read_yaml, require, require_known
+from sb3_stereo.envs.specs import quoted, read_yaml, require, require_known
+from sb3_stereo.envs.validation import (
+    STRICT,
+    Flag,
+    Numbers,
+    Pairs,
+    Quantity,
+    Text,
+    Texts,
+    Vector,
+    explained,
+    from_map,
+)
 
-Vector = tuple[float, float, float]
+Positive = Annotated[Quantity, Field(gt=0)]
+NotNegative = Annotated[Quantity, Field(ge=0)]
 
 
-@dataclass(frozen=True)
+@explained("arm")
+@dataclass(frozen=True, config=STRICT)
 class ArmSpec:
     """A robot. In YAML it is a map of these fields; pairs may be written as a map.
 
@@ -42,36 +58,32 @@ class ArmSpec:
         ValueError: If a value makes no robot.
     """
 
-    urdf: str
-    joints: tuple[str, ...]
-    end_effector_link: str
-    effort_limits: tuple[float, ...]
-    damping: tuple[float, ...]
+    urdf: Text
+    joints: Texts
+    end_effector_link: Text
+    effort_limits: Numbers[Positive]
+    damping: Numbers[NotNegative]
     end_effector_offset: Vector = (0.0, 0.0, 0.0)
-    rest: tuple[tuple[str, float], ...] = ()
+    rest: Pairs[Quantity] = ()
     base_position: Vector = (0.0, 0.0, 0.0)
-    base_orientation: tuple[float, ...] = (0.0, 0.0, 0.0)
-    mirrored_joints: tuple[str, ...] | None = None
-    drive_inertia: tuple[tuple[str, Vector], ...] = ()
-    collision_exempt: tuple[tuple[str, str], ...] = ()
-    link_colors: tuple[tuple[str, Vector], ...] = ()
-    simple_shapes: bool = False
-    marker_radius: float = 0.07
+    base_orientation: Numbers[Quantity] = (0.0, 0.0, 0.0)
+    mirrored_joints: Texts | None = None
+    drive_inertia: Pairs[Vector] = ()
+    collision_exempt: Pairs[Text] = ()
+    link_colors: Pairs[Vector] = ()
+    simple_shapes: Flag = False
+    marker_radius: Positive = 0.07
 
     def __post_init__(self) -> None:
-        fit_fields(self, "arm")
         n_joints = len(self.joints)
         once = 0 < n_joints == len(set(self.joints))
         require(once, f"joints are {quoted(self.joints)}; give at least one, each once")
         for name, values in (("effort_limits", self.effort_limits), ("damping", self.damping)):
             require(len(values) == n_joints, f"{name} has {len(values)} values for {n_joints} joints; give one each")
-        require(min(self.effort_limits) > 0, f"effort_limits are {self.effort_limits}; give positive numbers")
-        require(min(self.damping) >= 0, f"damping is {self.damping}; give numbers of at least 0")
         n_numbers, length = len(self.base_orientation), math.hypot(*self.base_orientation)
         oriented = n_numbers == 3 or (n_numbers == 4 and length > 0)
         way_out = "give roll, pitch and yaw, or a quaternion (x, y, z, w) that is not 0"
         require(oriented, f"base_orientation is {self.base_orientation}; {way_out}")
-        require(self.marker_radius > 0, f"marker_radius is {self.marker_radius}; give a positive number")
         for link, inertia in self.drive_inertia:
             useful = min(inertia) >= 0 and sum(inertia) > 0
             require(useful, f"drive_inertia of {quoted(link)} is {inertia}; give one axis a positive number, none less")

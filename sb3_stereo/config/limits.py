@@ -10,6 +10,8 @@ MAX_WIDTH = 65_536  # of a layer: with the 7056 pixels of an image that makes 2 
 
 COUNT = Field(ge=1)
 FRACTION = Field(ge=0, le=1)
+WIDTH = Field(ge=1, le=MAX_WIDTH)
+FINITE = Field()
 
 # By the argument's name, which has one meaning in all of SB3.
 LIMITS: dict[str, Any] = {
@@ -20,8 +22,8 @@ LIMITS: dict[str, Any] = {
     "exploration_final_eps": FRACTION,
     "exploration_fraction": Field(gt=0, le=1),
     "exploration_initial_eps": FRACTION,
-    "features_dim": Field(ge=1, le=MAX_WIDTH),
-    "embedding_dim": Field(ge=1, le=MAX_WIDTH),
+    "features_dim": WIDTH,
+    "embedding_dim": WIDTH,
     "gae_lambda": FRACTION,
     "gamma": FRACTION,
     "gradient_steps": Field(ge=-1),
@@ -51,7 +53,7 @@ WIDTHS = ("net_arch", "n_filters", "kernel_sizes", "strides")
 
 def check(key: str, value: Any, name: str) -> None:
     """Raise a ConfigError for a number outside its limits; texts and null have none."""
-    limit = Field(ge=1, le=MAX_WIDTH) if key in WIDTHS else LIMITS.get(key, Field())
+    limit = WIDTH if key in WIDTHS else LIMITS.get(key, FINITE)
     for number in _numbers(value):
         check_limits(number, limit, name)
 

@@ -36,8 +36,8 @@ def test_the_pair_sees_from_a_right_angle() -> None:
     ("arguments", "message"),
     [
         ({"horizontal_fov": 4.0}, "camera 'top': horizontal_fov is 4.0; give radians in (0, pi)"),
-        ({"width": 0}, "camera 'top': 0 x 240 px; give at least 1 x 1"),
-        ({"width": 10**6}, "camera 'top': 1000000 px; give at most 4096 a side"),
+        ({"width": 0}, "camera 'top': width is 0; give at least 1"),
+        ({"width": 10**6}, "camera 'top': width is 1000000; give at most 4096"),
         ({"position": None}, "camera 'top': position is None; give 3 numbers"),
         ({"far": 1e9}, "camera 'top': far is 1000000000.0; give at most 10000"),
         (

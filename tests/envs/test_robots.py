@@ -1,6 +1,8 @@
 """Your own arm and cameras: from maps and files, and what is said of a wrong one."""
 
-from dataclasses import replace
+import copy
+import pickle
+from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from sb3_stereo.commands.check import save_frame
 from sb3_stereo.config.schema import load_config, parse_config
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, camera_specs, mirror_each_other
+from sb3_stereo.envs.marker_specs import HOLLOW
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
@@ -34,6 +37,29 @@ def test_pairs_may_be_a_map_and_numbers_texts() -> None:
     spec = arm_spec({**MINIMAL, "rest": {"J2": "1e-1"}, "link_colors": {"palm": [0, "5e-1", 1]}})
     assert spec.rest == (("J2", 0.1),)
     assert spec.link_colors == (("palm", (0.0, 0.5, 1.0)),)
+
+
+SPECS = (WAM, ARMS["panda"], *STEREO_PAIR, HOLLOW)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda spec: pickle.loads(pickle.dumps(spec)), replace])
+def test_a_specification_is_a_value(copied: Any) -> None:
+    for spec in SPECS:
+        assert copied(spec) == spec and hash(copied(spec)) == hash(spec)
+    assert len({*SPECS, *map(copied, SPECS)}) == len(SPECS)
+    with pytest.raises(FrozenInstanceError):
+        WAM.urdf = "other.urdf"  # type: ignore[misc]
+
+
+def test_numpys_numbers_and_arrays_are_numbers_and_lists() -> None:
+    arrays = {"effort_limits": np.array([1]), "damping": [np.int64(1)], "base_position": np.zeros(3, np.float32)}
+    spec = arm_spec({**MINIMAL, **arrays, "simple_shapes": np.True_, "joints": np.array(["J1"])})
+    assert plain(spec) == plain(ArmSpec(**MINIMAL | {"simple_shapes": True}))
+    assert yaml.safe_load(yaml.safe_dump(plain(spec))) == plain(spec)
+    assert replace(STEREO_PAIR[0], width=np.int64(160), up=np.array([0, 0, 1])) == replace(STEREO_PAIR[0], width=160)
+    with pytest.raises(ValueError) as error:
+        replace(WAM, marker_radius=np.True_)
+    assert str(error.value) == "arm: marker_radius is True; give a number"
 
 
 def test_cameras_survive_yaml() -> None:
@@ -118,7 +144,7 @@ ERRORS: list[tuple[Any, str]] = [
     ("kua", "unknown arm 'kua'; arms are wam, kuka, panda, or give a .yml file"),
     ("no.yml", "no arm file 'no.yml'; give the path of a YAML file"),
     (3, "arm is 3; give a map"),
-    ({"urdf": "wam.urdf"}, "arm lacks joints, end_effector_link, effort_limits, damping; add what is missing"),
+    ({"urdf": "wam.urdf"}, "arm lacks 'joints', 'end_effector_link', 'effort_limits', 'damping'; add them"),
     (
         {**MINIMAL, "color": "red"},
         "unknown field of arm 'color'; fields are urdf, joints, end_effector_link, effort_limits, damping, "
@@ -126,9 +152,9 @@ ERRORS: list[tuple[Any, str]] = [
         "link_colors, simple_shapes, marker_radius",
     ),
     ({**MINIMAL, "joints": "J1"}, "arm: joints is 'J1'; give a list of texts"),
-    ({**MINIMAL, "damping": ["much"]}, "arm: damping is 'much'; give a number"),
-    ({**MINIMAL, "damping": [True]}, "arm: damping is True; give a number"),
-    ({**MINIMAL, "damping": [float("nan")]}, "arm: damping is nan; give a number"),
+    ({**MINIMAL, "damping": ["much"]}, "arm: damping[0] is 'much'; give a number"),
+    ({**MINIMAL, "damping": [True]}, "arm: damping[0] is True; give a number"),
+    ({**MINIMAL, "damping": [float("nan")]}, "arm: damping[0] is nan; give a finite number"),
     ({**MINIMAL, "base_position": [0, 1]}, "arm: base_position is [0, 1]; give 3 numbers"),
     (
         {**MINIMAL, "base_orientation": [0, 1]},
@@ -140,12 +166,16 @@ ERRORS: list[tuple[Any, str]] = [
         "give roll, pitch and yaw, or a quaternion (x, y, z, w) that is not 0",
     ),
     ({**MINIMAL, "rest": 1}, "arm: rest is 1; give a map or a list of pairs"),
+    ({**MINIMAL, "rest": [["J2"]]}, "arm: rest[0] is ['J2']; give a pair"),
+    ({**MINIMAL, "link_colors": {"palm": [0, 1]}}, "arm: link_colors[0][1] is [0, 1]; give 3 numbers"),
+    ({**MINIMAL, "base_position": [0, 0, -2e4]}, "arm: base_position[2] is -20000.0; give at least -10000"),
+    ({**MINIMAL, "mirrored_joints": 1}, "arm: mirrored_joints is 1; give a list of texts"),
     ({**MINIMAL, "simple_shapes": 1}, "arm: simple_shapes is 1; give true or false"),
     ({**MINIMAL, "joints": ["J1", "J1"]}, "joints are ('J1', 'J1'); give at least one, each once"),
     ({**MINIMAL, "damping": [1, 2]}, "damping has 2 values for 1 joints; give one each"),
-    ({**MINIMAL, "effort_limits": [0]}, "effort_limits are (0.0,); give positive numbers"),
-    ({**MINIMAL, "damping": [-1]}, "damping is (-1.0,); give numbers of at least 0"),
-    ({**MINIMAL, "marker_radius": 0}, "marker_radius is 0.0; give a positive number"),
+    ({**MINIMAL, "effort_limits": [0]}, "arm: effort_limits[0] is 0; give a positive number"),
+    ({**MINIMAL, "damping": [-1]}, "arm: damping[0] is -1; give at least 0"),
+    ({**MINIMAL, "marker_radius": 0}, "arm: marker_radius is 0; give a positive number"),
     ({**MINIMAL, "mirrored_joints": ["J2"]}, "unknown one of mirrored_joints 'J2'; the actuated joints are J1"),
     ({**MINIMAL, "rest": {"J1": 0}}, "rest has 'J1', which is actuated; leave it out of one of them"),
 ]
@@ -166,7 +196,7 @@ CAMERA = {"name": "left", "position": [1, 1, 1]}
     [
         ([], "no cameras; give at least one CameraSpec, or map of one"),
         ("no.yml", "no camera file 'no.yml'; give the path of a YAML file"),
-        ([CAMERA, {"name": "right"}], "camera 2 lacks position; add what is missing"),
+        ([CAMERA, {"name": "right"}], "camera 2 lacks 'position'; add it"),
         ([{**CAMERA, "width": 3.5}], "camera 1: width is 3.5; give an integer"),
         ([{**CAMERA, "near": -1}], "camera 'left': near -1.0, far 10.0; give 0 < near < far"),
         (

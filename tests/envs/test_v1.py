@@ -146,7 +146,7 @@ def test_another_camera_of_a_pair_is_that_of_the_framing() -> None:
         ({"markers": {"size": 1}}, "unknown field of markers 'size'; fields are measure, end_effector_radius, "
          "target_radius, standoff, hollow_target"),
         ({"markers": {"measure": "area"}}, "unknown measure of markers 'area'; measures are centroid, circle"),
-        ({"markers": {"target_radius": 0}}, "markers: target_radius is 0.0; give a positive number"),
+        ({"markers": {"target_radius": 0}}, "markers: target_radius is 0; give a positive number"),
         ({"markers": 3}, "markers is 3; give a map"),
         ({"framing": "near"}, "unknown framing 'near'; framings are wide, close"),
     ],

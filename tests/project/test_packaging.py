@@ -61,8 +61,8 @@ def test_the_links_show_editors_what_is_installed() -> None:
         assert os.readlink(link) == f"../{name}"
 
 
-def test_importing_loads_neither_torch_nor_pybullet() -> None:
-    code = "import sys, sb3_stereo; print({'torch', 'pybullet', 'stable_baselines3'} & set(sys.modules))"
+def test_importing_loads_neither_torch_nor_pybullet_nor_pydantic() -> None:
+    code = "import sys, sb3_stereo; print({'torch', 'pybullet', 'pydantic', 'stable_baselines3'} & set(sys.modules))"
     assert run_python(code, ROOT) == "set()\n"
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from tiny_sweep import BASE, load
 
 from sb3_stereo.config.schema import Config, load_config, overridden
+from sb3_stereo.envs.specs import quoted
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.tuning.config import load_sweep
 from sb3_stereo.tuning.parameters import Choice, Parameter, Range, check_examples
@@ -115,8 +116,8 @@ def test_resources_and_counts_must_be_numbers(number: float, tmp_path: Path) -> 
         ({"method": "random", "n_trials": 10**9}, "'tiny.yml': n_trials must be at most 10000, got 1000000000"),
         ({"resources": {"gpu": 1.5}}, "resources: gpu must be 0, a fraction from 0.0001 to 1, or whole, got 1.5"),
         ({"resources": {"cpu": 1e-9}}, "resources: cpu must be at least 0.0001, got 1e-09"),
-        ({"retries": 10**400}, f"'tiny.yml': retries must be at most 9007199254740992, got {10**400}"),
-        ({"resources": {"cpu": 10**400}}, f"resources: cpu must be a number, got {10**400}"),
+        ({"retries": 10**400}, f"'tiny.yml': retries must be at most 9007199254740992, got {quoted(10**400)}"),
+        ({"resources": {"cpu": 10**400}}, f"resources: cpu must be a number, got {quoted(10**400)}"),
         ({"resources": {"cpu": True}}, "resources: cpu must be a number, got True"),
         (
             {"parameters": {"buffer_size": {"min": 1, "max": 10**9}}},
