@@ -158,7 +158,7 @@ def test_unknown_algorithms_and_environments_are_named() -> None:
         "unknown algorithm 'a2c' (did you mean 'sac'?); allowed are: crossq, ddpg, dqn, ppo, sac, td3, tqc"
     )
     with pytest.raises(
-        ConfigError, match=r"^unknown environment 'WamStereoReach-v9' \(did you mean 'WamStereoReach-v0'\?"
+        ConfigError, match=r"^unknown environment 'WamStereoReach-v9' \(did you mean 'WamStereoReach-v1'\?"
     ):
         load_config("ddpg", "WamStereoReach-v9")
 

@@ -325,7 +325,10 @@ def test_keys_of_wandb_that_mean_nothing_here_are_named_and_run_cap_counts_trial
     assert set(found.unused) == {"program", "command", "project", "entity", "name", "description", "metric.target"}
     assert found.n_settings == len(found.settings()) == 2  # with two seeds each
     drawn = load(
-        tmp_path, method="bayes", run_cap=9, parameters={"gamma": {"values": [1, 2, 3, 4, 5], "probabilities": [1] * 5}}
+        tmp_path,
+        method="bayes",
+        run_cap=9,
+        parameters={"gamma": {"values": [0.1, 0.2, 0.3, 0.4, 0.5], "probabilities": [1] * 5}},
     )
     assert drawn.n_settings == 4 and drawn.unused == ("probabilities of 'gamma' (for random)",)
 
