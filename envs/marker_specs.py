@@ -2,24 +2,20 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from sb3_stereo.envs.circles import find_circles
 from sb3_stereo.envs.markers import Blobs, find_blobs
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import require_known
-from sb3_stereo.envs.validation import STRICT, Flag, Quantity, Text, explained, from_map
+from sb3_stereo.envs.validation import STRICT, Flag, PositiveQuantity, Quantity, Text, explained, from_map
 
 Finder = Callable[[NDArray[np.uint8], tuple[float, float]], Blobs]  # of a frame, and of how large the balls look [px]
 MEASURES: dict[str, Finder] = {"centroid": lambda frame, radii: find_blobs(frame), "circle": find_circles}
-
-
-Radius = Annotated[Quantity, Field(gt=0)]
 
 
 @explained("markers")
@@ -42,8 +38,8 @@ class MarkerSpec:
     """
 
     measure: Text = "centroid"
-    end_effector_radius: Radius | None = None
-    target_radius: Radius | None = None
+    end_effector_radius: PositiveQuantity | None = None
+    target_radius: PositiveQuantity | None = None
     standoff: Quantity = 0.0
     hollow_target: Flag = False
 

@@ -17,6 +17,7 @@ from sb3_stereo.envs.validation import (
     Flag,
     Numbers,
     Pairs,
+    PositiveQuantity,
     Quantity,
     Text,
     Texts,
@@ -25,7 +26,6 @@ from sb3_stereo.envs.validation import (
     from_map,
 )
 
-Positive = Annotated[Quantity, Field(gt=0)]
 NotNegative = Annotated[Quantity, Field(ge=0)]
 
 
@@ -61,7 +61,7 @@ class ArmSpec:
     urdf: Text
     joints: Texts
     end_effector_link: Text
-    effort_limits: Numbers[Positive]
+    effort_limits: Numbers[PositiveQuantity]
     damping: Numbers[NotNegative]
     end_effector_offset: Vector = (0.0, 0.0, 0.0)
     rest: Pairs[Quantity] = ()
@@ -72,7 +72,7 @@ class ArmSpec:
     collision_exempt: Pairs[Text] = ()
     link_colors: Pairs[Vector] = ()
     simple_shapes: Flag = False
-    marker_radius: Positive = 0.07
+    marker_radius: PositiveQuantity = 0.07
 
     def __post_init__(self) -> None:
         n_joints = len(self.joints)

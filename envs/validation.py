@@ -1,6 +1,6 @@
 """Plain values against pydantic's types; what pydantic finds becomes one sentence of ours."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import cache, wraps
 from typing import Annotated, Any, TypeVar
@@ -55,6 +55,7 @@ def listed(wanted: str, length: int | None = None) -> BeforeValidator:
 # A number may be written as a text such as 1e-3, which YAML does not read as one; it is finite, by `STRICT`.
 Number = Annotated[float, BeforeValidator(_number)]
 Quantity = Annotated[Number, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+PositiveQuantity = Annotated[Quantity, Field(gt=0)]
 # A whole float is one, as in 3e3; beyond 2**53 a float is no longer exact.
 Integer = Annotated[int, BeforeValidator(_whole), Field(ge=-(2**53), le=2**53)]
 Text = Annotated[str, BeforeValidator(_without_numpy)]
@@ -83,13 +84,16 @@ _WANTED = {
 }
 
 
-def sentence(error: ValidationError, name: str, form: str = "{place} is {value}; give {wanted}") -> str:
+def sentence(
+    error: ValidationError, name: str, form: str = "{place} is {value}; give {wanted}", positional: Sequence[str] = ()
+) -> str:
     """Return what pydantic found first.
 
     Args:
         error: What it found.
         name: What was checked.
         form: How a sentence about a value goes.
+        positional: Names of arguments that pydantic knows by their places.
     """
     found = error.errors(include_url=False)
     first, place = found[0], name
@@ -99,8 +103,11 @@ def sentence(error: ValidationError, name: str, form: str = "{place} is {value};
     missing = [f"'{one['loc'][-1]}'" for one in found if one["type"] == "missing"]
     if missing:
         return f"{name} lacks {', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
+    if first["type"] == "unexpected_keyword_argument":
+        return f"{name} has no {quoted(first['loc'][-1])}; leave it out"
     for depth, part in enumerate(first["loc"]):
-        place += f"[{part}]" if depth else f": {part}"
+        named = positional[part] if isinstance(part, int) and part < len(positional) else part
+        place += f"[{part}]" if depth else f": {named}"
     return form.format(place=place, value=quoted(first["input"]), wanted=_wanted(first))
 
 
@@ -150,7 +157,7 @@ def explained(what: str) -> Callable[[type[T]], type[T]]:
             except ValidationError as error:
                 given = dict(zip(names, args, strict=False)) | kwargs
                 called = f"{what} {quoted(given['name'])}" if "name" in given else what
-                raise ValueError(sentence(error, called)) from error
+                raise ValueError(sentence(error, called, positional=names)) from error
 
         cls.__init__ = __init__  # type: ignore[assignment]
         return cls

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from collections.abc import Callable
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from sb3_stereo.commands.check import save_frame
 from sb3_stereo.config.schema import load_config, parse_config
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, camera_specs, mirror_each_other
-from sb3_stereo.envs.marker_specs import HOLLOW
+from sb3_stereo.envs.marker_specs import HOLLOW, MarkerSpec
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
@@ -60,6 +61,22 @@ def test_numpys_numbers_and_arrays_are_numbers_and_lists() -> None:
     with pytest.raises(ValueError) as error:
         replace(WAM, marker_radius=np.True_)
     assert str(error.value) == "arm: marker_radius is True; give a number"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: replace(WAM, colour="red"), "arm has no 'colour'; leave it out"),
+        (lambda: ArmSpec("wam.urdf", ("J1",)), "arm lacks 'end_effector_link', 'effort_limits', 'damping'; add them"),
+        (lambda: CameraSpec("top"), "camera 'top' lacks 'position'; add it"),
+        (lambda: CameraSpec("top", (0, 0)), "camera 'top': position is (0, 0); give 3 numbers"),
+        (lambda: MarkerSpec(standoff="far"), "markers: standoff is 'far'; give a number"),
+    ],
+)
+def test_what_is_made_without_a_map_is_explained_as_well(make: Callable[[], Any], message: str) -> None:
+    with pytest.raises(ValueError) as error:
+        make()
+    assert str(error.value) == message
 
 
 def test_cameras_survive_yaml() -> None:
