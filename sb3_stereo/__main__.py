@@ -6,13 +6,13 @@ from importlib import import_module
 from sb3_stereo import __version__
 
 COMMANDS = {
-    "train": "train an agent and score it on the test poses",
-    "enjoy": "play a trained agent and count its successes",
-    "evaluate": "score a trained agent on the test poses",
-    "check": "measure what an environment offers a learner, before training on your own arm",
-    "plot": "draw the learning curves of runs",
+    "train": "train an agent and evaluate it on the test poses",
+    "enjoy": "run a trained agent, show or record it",
+    "evaluate": "evaluate a trained agent on the test poses",
+    "check": "check an environment before training on it, e.g. with your own arm",
+    "plot": "plot the learning curves of runs",
     "sweep": "search hyper-parameters, on one machine or a cluster",
-    "play_images": "find the markers in ordinary images and print the agent's efforts",
+    "play_images": "detect the markers in ordinary images and print the agent's joint torques",
 }
 
 USAGE = "\n".join(

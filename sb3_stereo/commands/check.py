@@ -14,16 +14,18 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
         prog=command_line("check"),
-        description="Measure how far efforts move joints, which poses are free and seen, and how rare goals are.",
+        description="Measure joint motion per action, collision-free and visible poses, and how rare success is.",
     )
     parser.add_argument("--env", default=DEFAULT_ENV, help=f"environment id (default: {DEFAULT_ENV})")
-    parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="its arguments, e.g. arm:my_arm.yml")
+    parser.add_argument(
+        "--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment, e.g. arm:my_arm.yml"
+    )
     parser.add_argument("--poses", type=at_least(1), default=500, metavar="N", help="random poses (default: 500)")
     parser.add_argument(
         "--steps", type=at_least(1), default=1000, metavar="N", help="steps of a random agent (default: 1000)"
     )
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="of everything random (default: 0)")
-    parser.add_argument("-o", "--output", type=path, metavar="FILE", help="save what the cameras see, e.g. arm.png")
+    parser.add_argument("--seed", type=at_least(0), default=0, metavar="S", help="random seed (default: 0)")
+    parser.add_argument("-o", "--output", type=path, metavar="FILE", help="save the camera images, e.g. arm.png")
     return parser
 
 

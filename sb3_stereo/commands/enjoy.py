@@ -33,7 +33,7 @@ MAX_ZOOM = 20
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; the flags are the zoo's."""
-    parser = Parser(prog=command_line("enjoy"), description="Play a trained agent and count its successes.")
+    parser = Parser(prog=command_line("enjoy"), description="Run a trained agent and report its success rate.")
     add_run_flags(parser)
     add_model_flags(parser)
     parser.add_argument(
@@ -46,10 +46,10 @@ def make_parser() -> argparse.ArgumentParser:
     window = parser.add_mutually_exclusive_group()
     window.add_argument("--no-render", action="store_true", help="do not open a window")
     window.add_argument("--gui", action="store_true", help="open Bullet's window (the default without --video)")
-    parser.add_argument("--video", type=file, metavar="FILE", help="film into an .mp4 or .gif")
-    parser.add_argument("--zoom", type=zoom, default=1.0, help="show the middle of the views larger (default: 1)")
-    parser.add_argument("--stochastic", action="store_true", help="explore as in training")
-    parser.add_argument("--seed", type=at_least(0), default=0, help="seed of the starts (default: 0)")
+    parser.add_argument("--video", type=file, metavar="FILE", help="record a video, .mp4 or .gif")
+    parser.add_argument("--zoom", type=zoom, default=1.0, help="magnify the centre of the views (default: 1)")
+    parser.add_argument("--stochastic", action="store_true", help="stochastic actions")
+    parser.add_argument("--seed", type=at_least(0), default=0, help="random seed of the initial states (default: 0)")
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
     add_process_flags(parser)
     return parser

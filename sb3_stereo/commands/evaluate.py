@@ -1,4 +1,4 @@
-"""Score a run on the test poses: `python -m sb3_stereo evaluate logs/ddpg/WamStereoReach-v0_1`."""
+"""Evaluate a run on the test poses: `python -m sb3_stereo evaluate logs/ddpg/WamStereoReach-v0_1`."""
 
 import argparse
 import json
@@ -22,19 +22,19 @@ from sb3_stereo.console import command_line
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog=command_line("evaluate"), description="Score a trained agent, by default on the 100 fixed test poses."
+        prog=command_line("evaluate"), description="Evaluate a trained agent, by default on the 100 fixed test poses."
     )
     parser.add_argument("run", type=path, metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v0_1")
     add_model_flags(parser)
-    parser.add_argument("--poses", type=at_least(0), default=0, metavar="N", help="take N random poses instead")
+    parser.add_argument("--poses", type=at_least(0), default=0, metavar="N", help="use N random poses instead")
     parser.add_argument(
-        "--seed", type=at_least(0), default=0, metavar="S", help="seed of the random poses (default: 0)"
+        "--seed", type=at_least(0), default=0, metavar="S", help="random seed of these poses (default: 0)"
     )
     parser.add_argument(
         "--n-envs",
         type=at_least(1, -1),
         default=-1,
-        help="environments, each in its own process (default: free cores, up to 4)",
+        help="parallel environments, one process each (default: free cores, up to 4)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_process_flags(parser)
@@ -42,7 +42,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def evaluate_command(args: argparse.Namespace) -> int:
-    """Load a run, score it and print the score."""
+    """Load a run, evaluate it and print the result."""
     runtime.tune_allocator()
     from sb3_stereo.building.factory import VEC_ENVS, make_env
     from sb3_stereo.console import Bar
@@ -77,7 +77,7 @@ def json_scores(scores: dict[str, float]) -> dict[str, Any]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse the command line and score.
+    """Parse the command line and evaluate.
 
     Returns:
         The exit status: 0, 2 after wrong input, 130 after Ctrl-C.

@@ -92,8 +92,8 @@ def add_run_flags(parser: argparse.ArgumentParser) -> None:
 def add_model_flags(parser: argparse.ArgumentParser) -> None:
     """Add the flags that choose one of a run's models; without any it is the final one."""
     choice = parser.add_mutually_exclusive_group()
-    choice.add_argument("--load-best", action="store_true", help="take best_model.zip instead of the final model")
-    choice.add_argument("--load-checkpoint", type=at_least(0), metavar="N", help="take rl_model_N_steps.zip")
+    choice.add_argument("--load-best", action="store_true", help="load best_model.zip instead of the final model")
+    choice.add_argument("--load-checkpoint", type=at_least(0), metavar="N", help="load rl_model_N_steps.zip")
     parser.add_argument("--trust", action="store_true", help="load a model from elsewhere, with the code it may hold")
 
 

@@ -27,20 +27,21 @@ from sb3_stereo.real_images.sources import image_sets, make_folder, write_image
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog=command_line("play_images"), description="Find the markers in images and print the agent's efforts."
+        prog=command_line("play_images"),
+        description="Detect the markers in images and print the agent's joint torques.",
     )
     parser.add_argument(
         "sources",
         metavar="LEFT RIGHT",
         nargs="+",
-        help="per view an image, a folder of images or a camera's index",
+        help="for each view an image, a folder of images or a camera index",
     )
     parser.add_argument("--model", type=path, required=True, metavar="RUN", help="run directory of the agent")
     add_model_flags(parser)
     parser.add_argument(
         "-n", type=at_least(1), metavar="N", help="stop after N pairs (default: all; cameras: until Ctrl-C)"
     )
-    parser.add_argument("--draw", type=file, metavar="FOLDER", help="write a picture of each answer")
+    parser.add_argument("--draw", type=file, metavar="FOLDER", help="save an annotated image for each pair")
     parser.add_argument("--json", action="store_true", help="print one JSON object per pair")
     add_process_flags(parser)
     return parser

@@ -15,11 +15,12 @@ FORMATS = (".pdf", ".png", ".svg")
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog=command_line("plot"), description="Draw learning curves; runs that differ only in their seed share one."
+        prog=command_line("plot"),
+        description="Plot learning curves; runs that differ only in their seed share a curve.",
     )
     parser.add_argument("runs", type=path, metavar="RUN", nargs="+", help="run directories, e.g. logs/ddpg/*")
     parser.add_argument(
-        "-o", "--output", type=path, default="curves.png", metavar="FILE", help="picture (default: curves.png)"
+        "-o", "--output", type=path, default="curves.png", metavar="FILE", help="output image (default: curves.png)"
     )
     return parser
 

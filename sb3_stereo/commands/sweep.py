@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog=command_line("sweep"), description="Train the settings that a YAML file describes, on Ray Tune."
+        prog=command_line("sweep"), description="Run a hyper-parameter sweep, described in a YAML file, on Ray Tune."
     )
     parser.add_argument("file", metavar="FILE", help="the sweep, e.g. hyperparams/sweeps/ddpg_gamma.yml")
     parser.add_argument("-f", "--log-folder", "--folder", default="logs", help="log folder (default: logs)")
     add_cluster_flags(parser)
     parser.add_argument(
-        "--save-freq", type=int, default=1000, help="steps between a trial's checkpoints (default: 1000; -1: none)"
+        "--save-freq", type=int, default=1000, help="steps between a trial's snapshots (default: 1000; -1: none)"
     )
-    parser.add_argument("--report", action="store_true", help="train nothing, report what is there")
+    parser.add_argument("--report", action="store_true", help="report the results so far without training")
     add_process_flags(parser, num_threads=1)
     return parser
 

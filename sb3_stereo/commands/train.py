@@ -29,18 +29,18 @@ if TYPE_CHECKING:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; the flags are the zoo's."""
-    parser = Parser(prog=command_line("train"), description="Train an agent and score it on the test poses.")
+    parser = Parser(prog=command_line("train"), description="Train an agent and evaluate it on the test poses.")
     add_run_flags(parser)
     parser.add_argument(
         "-n", "--n-timesteps", type=at_least(1, -1), default=-1, help="environment steps (default: the YAML's)"
     )
-    parser.add_argument("-i", "--trained-agent", type=path, metavar="ZIP", help="begin with the networks of this model")
-    parser.add_argument("--trust", action="store_true", help="begin with networks that no run of ours has saved, too")
     parser.add_argument(
-        "--seed", type=at_least(0, -1), default=-1, help="seed of everything random (default: a new one, printed)"
+        "-i", "--trained-agent", type=path, metavar="ZIP", help="warm start from the networks of this model"
     )
+    parser.add_argument("--trust", action="store_true", help="accept a model that none of our runs has saved")
+    parser.add_argument("--seed", type=at_least(0, -1), default=-1, help="random seed (default: a new one, printed)")
     parser.add_argument(
-        "-conf", "--conf-file", type=path, help="YAML with hyper-parameters (default: ours for the algorithm)"
+        "-conf", "--conf-file", type=path, help="YAML file with hyper-parameters (default: ours for the algorithm)"
     )
     parser.add_argument(
         "-params",
@@ -50,7 +50,7 @@ def make_parser() -> argparse.ArgumentParser:
         help="overrides, e.g. gamma:0.9 policy_kwargs.n_critics:1",
     )
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
-    parser.add_argument("--vec-env", choices=("dummy", "subproc"), default="dummy", help="how n_envs are stepped")
+    parser.add_argument("--vec-env", choices=("dummy", "subproc"), default="dummy", help="VecEnv type")
     parser.add_argument(
         "--eval-freq",
         type=at_least(0, -1),
@@ -61,7 +61,7 @@ def make_parser() -> argparse.ArgumentParser:
         "--n-eval-envs",
         type=at_least(1, -1),
         default=-1,
-        help="environments per score, in processes (default: free cores, up to 4)",
+        help="parallel environments per evaluation, one process each (default: free cores, up to 4)",
     )
     parser.add_argument(
         "--save-freq",
@@ -69,11 +69,9 @@ def make_parser() -> argparse.ArgumentParser:
         default=1000,
         help="steps between saved models and snapshots (default: 1000; -1: none)",
     )
-    parser.add_argument(
-        "--resume", type=path, metavar="RUN", help="go on with a run that was killed, with its own settings"
-    )
+    parser.add_argument("--resume", type=path, metavar="RUN", help="resume an interrupted run with its own settings")
     parser.add_argument("-tb", "--tensorboard-log", type=path, help="TensorBoard folder (default: none)")
-    parser.add_argument("-P", "--progress", action="store_true", help="draw the progress bar even without a terminal")
+    parser.add_argument("-P", "--progress", action="store_true", help="show the progress bar even without a terminal")
     add_process_flags(parser)
     return parser
 
