@@ -1,4 +1,4 @@
-"""Run the environment and the vectorised learner for long, and watch what a leak would move.
+"""Soak test: run the environment and the vectorised algorithm for long, and watch for leaks.
 
     python -m benchmarks.soak --env-steps 100000 --learner-steps 3000
 

@@ -1,4 +1,4 @@
-"""An arm in Bullet: its poses, and pulses of effort."""
+"""An arm in Bullet: its poses, and control steps of constant joint torque."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What touches in many poses, put into words."""
+"""Links that touch in many poses, described in words."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Which joints of an arm act, which follow them, and where the others are held."""
+"""Which joints of an arm are actuated, which follow them, and where the others are held."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""From an environment's first `reset` to its `close`: what it has in between, its saved states and its copies."""
+"""Life cycle of an environment from the first `reset` to `close`: what is allowed when, saved states, copies."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

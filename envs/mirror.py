@@ -1,4 +1,4 @@
-"""Whether an arm is its own mirror image through the plane y = 0."""
+"""Whether an arm is symmetric about the plane y = 0."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What is around the arm: the simulated world, its floor, and the balls that mark end effector and target."""
+"""The scene around the arm: the simulated world, its floor, and the balls that mark end effector and target."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What the cameras see of the end effector and the target, whose markers are balls that touch nothing."""
+"""What the cameras see of the end effector and the target, whose markers are balls without collisions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

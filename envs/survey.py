@@ -1,4 +1,4 @@
-"""What an environment offers a learner: measured before anything is trained on it."""
+"""Checks of an environment before training: joint motion, collisions, visibility, and how rare success is."""
 
 from dataclasses import dataclass
 from itertools import product

@@ -1,4 +1,4 @@
-"""A robot's URDF: found, read, and refused where Bullet would load something else than it says, or print why not."""
+"""A robot's URDF: found, read, and rejected where Bullet would silently load something else."""
 
 import ctypes
 import os

@@ -1,4 +1,4 @@
-"""Wrappers: quantised efforts for discrete actions, pulses that are watched, stacked frames."""
+"""Wrappers: quantised joint torques for discrete actions, callbacks within a control step, stacked frames."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Progress for a person: a bar on a terminal, a plain line now and then elsewhere; both say how long it will take."""
+"""Human-readable progress: a bar on a terminal, occasional plain lines elsewhere, both with the time left."""
 
 import os
 import shlex

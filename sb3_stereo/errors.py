@@ -1,4 +1,4 @@
-"""The one error that a user's input raises, and the sentence it says."""
+"""The one exception for wrong user input, and its one-sentence message."""
 
 import difflib
 from collections.abc import Iterable, Iterator

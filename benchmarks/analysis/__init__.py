@@ -1,1 +1,1 @@
-"""What an agent or an environment is like: one question per script."""
+"""Analyses of agents and environments: one question per script."""

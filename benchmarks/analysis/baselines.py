@@ -1,4 +1,4 @@
-"""What a number is worth: baselines that need no learning, from the same test starts as the agents.
+"""Baselines without learning, from the same test starts as the agents.
 
     python -m benchmarks.analysis.baselines
 

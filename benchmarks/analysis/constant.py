@@ -1,4 +1,4 @@
-"""The best constant action: one pulse of efforts, repeated whatever the cameras see.
+"""The best constant action: the same joint torques at every step, whatever the cameras see.
 
 It is chosen on starts of training, to be scored on others. Candidates are simulated without drawing, which takes a
 fifth of the time; the best few are then played in the environment as it is.

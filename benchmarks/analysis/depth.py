@@ -1,4 +1,4 @@
-"""What a trained agent knows of depth: 3-D positions read from its extractor's features.
+"""Depth probe: 3-D positions predicted from a trained agent's features.
 
     python -m benchmarks.analysis.depth logs/ddpg/WamStereoReachRandom-v0_1
 

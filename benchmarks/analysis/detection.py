@@ -1,4 +1,4 @@
-"""How well the markers are found in disturbed images, and what that light does to the policy.
+"""Marker detection and policy success on disturbed images.
 
     python -m benchmarks.analysis.detection [--model RUN]
 

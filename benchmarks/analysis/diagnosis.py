@@ -1,4 +1,4 @@
-"""What became of a run's networks: one line per checkpoint, on images of random poses.
+"""Diagnosis of a run's networks: one line per checkpoint, on images of random poses.
 
     python -m benchmarks.analysis.diagnosis logs/ddpg/WamStereoReach-v0_1
 

@@ -1,4 +1,4 @@
-"""A scripted controller that knows the state: joint angles that reach, from the Jacobian, and efforts in proportion.
+"""A scripted state-based controller: target joint angles from the Jacobian, torques proportional to the error.
 
 It sees no image. What it lacks against the planner is a model of how the joints' motions disturb each other.
 """

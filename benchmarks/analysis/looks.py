@@ -1,4 +1,4 @@
-"""Whether a trained agent looks at the image: what it reaches if it is shown other episodes.
+"""Whether a trained agent uses the image: its success when it is shown images of other episodes.
 
     python -m benchmarks.analysis.looks RUN --name NAME
 

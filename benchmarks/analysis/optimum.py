@@ -1,4 +1,4 @@
-"""The fewest steps that reach: a planner that knows the simulator, from the 100 test poses.
+"""The smallest number of steps to success: an oracle planner, from the 100 test poses.
 
     python -m benchmarks.analysis.optimum
 

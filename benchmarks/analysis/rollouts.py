@@ -1,4 +1,4 @@
-"""Episodes of policies that are no networks, and of simulations that are not drawn."""
+"""Episodes of policies without networks, and simulation without rendering."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

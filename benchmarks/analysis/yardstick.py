@@ -1,4 +1,4 @@
-"""How straight a task measures: the distance in the images against the projected distance, by the distance in space.
+"""Accuracy of a task's distance measure: distance in the images against projected distance, by distance in space.
 
     python -m benchmarks.analysis.yardstick WamStereoReach-v1
 

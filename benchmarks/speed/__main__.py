@@ -1,4 +1,4 @@
-"""How fast the environment and the learner are, against what one would use instead.
+"""Speed of the environment and of the algorithms against the alternatives.
 
     python -m benchmarks.speed
 

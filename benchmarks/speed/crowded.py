@@ -1,4 +1,4 @@
-"""What a gradient step takes when other processes come to the cores that its threads had.
+"""Duration of a gradient step when other processes take the cores of its threads.
 
     python -m benchmarks.speed.crowded
 

@@ -1,4 +1,4 @@
-"""Environments side by side, ours in its parts, and ours in several processes, for `benchmarks.speed`.
+"""Environments side by side, ours by parts, and ours in several processes, for `benchmarks.speed`.
 
     python -m benchmarks.speed.environments
 

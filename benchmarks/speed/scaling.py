@@ -1,4 +1,4 @@
-"""How much faster a sweep is with more workers: the same equal trials with 1, 2 and 4 at a time, on a local Ray.
+"""Speed-up of a sweep with more workers: the same trials with 1, 2 and 4 at a time, on a local Ray.
 
     python -m benchmarks.speed.scaling
 

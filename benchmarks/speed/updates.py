@@ -1,4 +1,4 @@
-"""Gradient steps and predictions of a learner, for `benchmarks.speed`.
+"""Gradient steps and predictions of an algorithm, for `benchmarks.speed`.
 
     python -m benchmarks.speed.updates ddpg|dqn ours|sb3 THREADS
     python -m benchmarks.speed.updates dqn_nature ours|sbx THREADS

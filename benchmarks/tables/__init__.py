@@ -1,1 +1,1 @@
-"""The tables of results: their cells are trained, recorded and reported."""
+"""The result tables: their cells are trained, recorded and reported."""

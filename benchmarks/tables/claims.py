@@ -1,4 +1,4 @@
-"""Claims that the paper does not measure: any target, stereo, other arrangements of the views, other arms.
+"""Claims that the paper does not measure: randomised targets, stereo, other observation layouts, other arms.
 
     python -m benchmarks.tables.claims
 

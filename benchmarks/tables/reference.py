@@ -1,4 +1,4 @@
-"""The learner without what makes it fast, to compare what is learnt: a row of `benchmarks.tables.claims`."""
+"""The algorithm without its speed optimisations, to compare what is learnt: a row of `benchmarks.tables.claims`."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""An episode that another process can go on with."""
+"""An episode that another process can continue."""
 
 import time
 from typing import Any

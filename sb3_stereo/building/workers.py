@@ -1,4 +1,4 @@
-"""Environments in processes of their own: what to do when one of these dies."""
+"""Environments in worker processes, and what happens when one of these dies."""
 
 import signal
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Measure what an environment offers a learner: `python -m sb3_stereo check --env-kwargs arm:my_arm.yml`."""
+"""Check an environment before training: `python -m sb3_stereo check --env-kwargs arm:my_arm.yml`."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""Play a trained agent: `python enjoy.py --algo ddpg`, or `sb3-stereo enjoy --algo ddpg`."""
+"""Run a trained agent: `python enjoy.py --algo ddpg`, or `sb3-stereo enjoy --algo ddpg`."""
 
 import argparse
 import math

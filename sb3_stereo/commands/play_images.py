@@ -1,4 +1,4 @@
-"""What an agent would do on ordinary images: `python -m sb3_stereo play_images LEFT RIGHT --model RUN`."""
+"""Predict actions for ordinary images: `python -m sb3_stereo play_images LEFT RIGHT --model RUN`."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""Draw the learning curves of runs: `python -m sb3_stereo plot logs/ddpg/* -o curves.png`."""
+"""Plot the learning curves of runs: `python -m sb3_stereo plot logs/ddpg/* -o curves.png`."""
 
 import argparse
 import sys

@@ -1,4 +1,4 @@
-"""The paper's protocol: an agent on fixed test poses, its scores and learning curves."""
+"""The paper's protocol: evaluation on fixed test poses, and learning curves."""
 
 from sb3_stereo.evaluation.protocol import Evaluation, evaluate
 

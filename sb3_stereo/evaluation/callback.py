@@ -1,4 +1,4 @@
-"""Score the agent on the test poses while it learns."""
+"""Evaluate the agent on the test poses during training."""
 
 import csv
 import io

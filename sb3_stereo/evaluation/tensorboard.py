@@ -1,4 +1,4 @@
-"""Pictures for TensorBoard at each score: what the cameras see, and where the agent looks."""
+"""Images for TensorBoard at each evaluation: the camera views and the agent's saliency map."""
 
 from typing import Any
 

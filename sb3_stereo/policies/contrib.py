@@ -1,4 +1,4 @@
-"""Policies for sb3-contrib's CrossQ and TQC, as `learners` has them for SB3 (pip install 'sb3_stereo[contrib]')."""
+"""Policies for sb3-contrib's CrossQ and TQC, like those in `sac_ppo` (pip install 'sb3_stereo[contrib]')."""
 
 from sb3_contrib.crossq.policies import CrossQPolicy
 from sb3_contrib.tqc.policies import TQCPolicy

@@ -1,4 +1,4 @@
-"""Ordinary images: the red and the blue marker under light that changes and among people, and what the network sees.
+"""Marker detection in ordinary images, under changing light and among people, and the observation made from them.
 
 The simulated environment keeps its own exact thresholds (`envs/markers.py`): its rewards depend on them.
 """

@@ -1,4 +1,4 @@
-"""What an agent would do on ordinary images."""
+"""An agent's actions on ordinary images."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple

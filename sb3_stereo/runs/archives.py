@@ -1,4 +1,4 @@
-"""Files of tensors from anywhere: what they hold is known, and its size, before any of it is made.
+"""Tensor files from anywhere: contents and sizes are checked before anything is allocated.
 
 `torch.load(weights_only=True)` runs no code, but it makes what a file claims: it unpacks compressed members, calls
 `bytearray(10**10)`, and takes one number for a tensor of a million. Here a file is refused before that.

@@ -1,4 +1,4 @@
-"""New run directories: whole or not there at all."""
+"""New run directories, created atomically."""
 
 import shlex
 import sys

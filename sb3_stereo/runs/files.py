@@ -1,4 +1,4 @@
-"""Files that are whole or not there, whatever happens while they are written."""
+"""Atomic file writes: a file is complete or absent, whatever happens while it is written."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""A limit for the networks that settings from elsewhere ask for."""
+"""A memory limit for networks described by settings from elsewhere."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Models on disk: saved as SB3 saves them, with a checksum beside them, and loaded without running what they hold.
+"""Models on disk: saved as SB3 saves them, with a checksum, and loaded without running any code in them.
 
 An SB3 zip runs code when SB3 loads it: its settings are a pickle. Of our runs the settings are plain YAML, so that only
 the weights are read from the zip, which `torch.load(weights_only=True)` does without running anything.

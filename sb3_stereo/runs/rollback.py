@@ -1,4 +1,4 @@
-"""The files of a run that go with a snapshot: kept in it, and put back when the training goes on from it.
+"""The files of a run that belong to a snapshot: stored in it, and restored when training resumes from it.
 
 They are small beside the replay buffer. So the directory is as it was then, whatever was written, cut or deleted since.
 """

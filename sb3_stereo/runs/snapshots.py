@@ -1,4 +1,4 @@
-"""Snapshots from which a killed training goes on: whole files, the last two of them.
+"""Snapshots from which an interrupted training run resumes: complete files, the last two of them.
 
 They are called `checkpoints/step_2000-3f9ab1d2….pt`, with the beginning of the SHA-256 of their bytes, as PyTorch Hub
 names its files. (A checkpoint in SB3's sense is a model alone, `rl_model_2000_steps.zip`.)

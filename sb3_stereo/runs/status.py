@@ -1,4 +1,4 @@
-"""Whether a run has ended, and which process holds it.
+"""Whether a run has ended, and which process holds its lock.
 
 A run is being trained from its first moment until `status.yml` says that it has ended, which is written when everything
 else is there. Whatever happens before that, `--resume` brings the directory back to its last snapshot and repeats what

@@ -1,4 +1,4 @@
-"""Everything that a training's next step depends on, as plain data: numbers, texts, lists, maps and tensors.
+"""Everything that the next step of a training run depends on, as plain data: numbers, texts, lists, maps and tensors.
 
 Plain, because `torch.load(weights_only=True)` reads it without running anything.
 """

@@ -1,4 +1,4 @@
-"""What can end a training run from outside, as one sentence that says how to go on."""
+"""External failures that can end a training run, as one sentence that says how to resume."""
 
 import errno
 from collections.abc import Iterator

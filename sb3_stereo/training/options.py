@@ -1,4 +1,4 @@
-"""How a training run is done, and what it leaves."""
+"""The options of a training run, and its result."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What one process does of a training run: set it up, learn, save."""
+"""One process's part of a training run: set up, learn, save."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

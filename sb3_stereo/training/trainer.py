@@ -1,4 +1,4 @@
-"""Train an agent into a run directory, and go on with a training that was interrupted."""
+"""Train an agent into a run directory, and resume an interrupted run."""
 
 import shutil
 import warnings

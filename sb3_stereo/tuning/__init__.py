@@ -1,1 +1,1 @@
-"""Sweeps over hyper-parameters: what is searched, the trials on Ray Tune, and the report."""
+"""Sweeps over hyper-parameters: the search space, the trials on Ray Tune, and the report."""

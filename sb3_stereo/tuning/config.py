@@ -1,4 +1,4 @@
-"""A sweep's YAML becomes one checked, frozen description; the keys are those of W&B sweeps where W&B has them."""
+"""A sweep's YAML as one validated, frozen description; the keys are W&B's where W&B has them."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields

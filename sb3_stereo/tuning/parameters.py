@@ -1,4 +1,4 @@
-"""What a sweep searches: choices and ranges that settings are drawn from, in the same way by every method."""
+"""The parameters of a sweep: choices and ranges, sampled in the same way by every method."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

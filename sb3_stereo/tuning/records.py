@@ -1,4 +1,4 @@
-"""The trials of a sweep on disk: run directories are the only record, so nothing that is finished can be forgotten."""
+"""The trials of a sweep on disk: run directories are the only record, so no finished trial can be lost."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

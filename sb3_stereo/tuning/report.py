@@ -1,4 +1,4 @@
-"""What a sweep found: the table, the best setting as a YAML to train with, and a picture."""
+"""The results of a sweep: the table, the best setting as a YAML file to train with, and a plot."""
 
 import csv
 import os

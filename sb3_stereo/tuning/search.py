@@ -1,4 +1,4 @@
-"""A sweep's trials: which settings Ray Tune tries, and what it stops early."""
+"""The trials of a sweep: which settings Ray Tune tries, and what it stops early."""
 
 import warnings
 from collections.abc import Mapping, Sequence

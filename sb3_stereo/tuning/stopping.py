@@ -1,4 +1,4 @@
-"""`early_terminate`: when bad trials are stopped, told in environment steps (ASHA) or in scores (W&B's Hyperband)."""
+"""`early_terminate`: when bad trials are stopped, in environment steps (ASHA) or evaluations (W&B's Hyperband)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Trainings as trials of Ray Tune, each in a process of its own: trained once, continued, retried and reported."""
+"""Training runs as trials of Ray Tune, each in a process of its own: trained once, resumed, retried and reported."""
 
 import fcntl
 import hashlib

@@ -1,4 +1,4 @@
-"""Pictures for people: the views with what is found in them, the image that the network sees, efforts and words."""
+"""Annotated images: the views with the detected markers, the network's image, joint torques and text."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

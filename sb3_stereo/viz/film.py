@@ -1,4 +1,4 @@
-"""Films of an agent: both views, what is measured in them and what the network sees, as .mp4 or .gif."""
+"""Videos of an agent: both views, the measured distances and the network's image, as .mp4 or .gif."""
 
 from collections.abc import Sequence
 from pathlib import Path
