@@ -3,8 +3,8 @@
     python -m benchmarks.soak --env-steps 100000 --learner-steps 3000
 
 prints, after each tenth of a part, the memory of the process and its workers, their open files, the number of processes
-and the time of a step; and at the end the growth since the first tenth, in which caches fill up. The learner is a whole
-training, with scores and checkpoints, so that its step time has its share of these, and its last tenth is not sampled.
+and the time of a step; and at the end the growth since the first tenth, in which caches fill up. The learner part is a
+whole training run, with evaluations and snapshots, which its step time includes; its last tenth is not sampled.
 `--json` prints the growth as one object.
 """
 

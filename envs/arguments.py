@@ -1,4 +1,4 @@
-"""Arguments of the reaching environment and of its calls, checked at the door."""
+"""Validation of the reaching environment's arguments and of those of its methods."""
 
 import math
 from collections.abc import Mapping, Sequence

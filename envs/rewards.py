@@ -1,6 +1,6 @@
-"""Reward and goal of the paper, as pure functions of pixel distances.
+"""Reward and success of the paper, as pure functions of pixel distances.
 
-A distance is `nan` where it is undefined: a view in which the end effector or the target is hidden.
+A distance is `nan` where it is undefined: a view in which the end effector or the target is occluded.
 """
 
 import math

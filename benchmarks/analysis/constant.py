@@ -1,7 +1,7 @@
 """The best constant action: the same joint torques at every step, whatever the cameras see.
 
-It is chosen on starts of training, to be scored on others. Candidates are simulated without drawing, which takes a
-fifth of the time; the best few are then played in the environment as it is.
+It is chosen on random starts, to be evaluated on others. Candidates are simulated without rendering, which takes a
+fifth of the time; the best few are then run in the environment itself.
 """
 
 from collections.abc import Sequence

@@ -3,8 +3,8 @@
     python -m benchmarks.analysis.detection [--model RUN]
 
 renders the 100 test poses, disturbs the frames and prints a Markdown table: how many pixels the centroids of
-`sb3_stereo.real_images.detection` move from the exact ones. With a model, also how often it reaches when it only sees
-such images. A second table counts how the markers are found among the people of `benchmarks.analysis.people`.
+`sb3_stereo.real_images.detection` move from the exact ones. With a model, also its success when it only sees
+such images. A second table counts detections among the people of `benchmarks.analysis.people`.
 """
 
 import argparse

@@ -2,9 +2,9 @@
 
     python -m benchmarks.analysis.diagnosis logs/ddpg/WamStereoReach-v0_1
 
-For DDPG, what batch normalisation does: in a training the online critic sees a batch by its own statistics and its
-target by the running ones, and the actor that learns by the former acts by the latter. The columns say how far the two
-are apart. For DQN, whether the network still tells one image from another.
+For DDPG, the effect of batch normalisation: in training, the online critic uses a batch's own statistics and its target
+the running ones, and the actor learns with the former and acts with the latter. The columns compare the two. For DQN,
+whether the network still distinguishes images.
 """
 
 import argparse

@@ -2,9 +2,9 @@
 
     python -m benchmarks.analysis.optimum
 
-searches, for one pulse, then two, then more, for efforts that end at the goal (cross-entropy method), plays what it
-found in the environment, and writes `benchmarks/results/optimum.csv`. A search can miss a shorter way, so the mean is
-an upper bound of the optimum; no learner should be expected below it.
+searches, for one control step, then two, then more, for joint torques that end in success (cross-entropy method), runs
+them in the environment, and writes `benchmarks/results/optimum.csv`. A search can miss a shorter solution, so the mean
+is an upper bound of the optimum; do not expect an agent below it.
 """
 
 import argparse

@@ -3,7 +3,7 @@
     python -m benchmarks.analysis.probe
 
 prints R^2 of sin and cos of each actuated joint, and the mean error of the markers' image positions, on poses that
-the network has not seen. A learner cannot know more than this about the arm.
+the network has not seen. An agent cannot know more than this about the arm.
 """
 
 import argparse

@@ -2,12 +2,12 @@
 
     python -m benchmarks.speed.crowded
 
-gets trainings ready on a machine that should be quiet, times gradient steps of each, then again beside one busy
+prepares training runs on a machine that should be quiet, times gradient steps of each, then again next to one busy
 process per core, and prints the milliseconds.
 
     python -m benchmarks.speed.crowded THREADS
 
-is one of the trainings, for the above: -1 follows the free cores.
+is one of these runs, for the above: -1 follows the free cores.
 """
 
 import subprocess

@@ -3,7 +3,7 @@
     python -m benchmarks.speed.updates ddpg|dqn ours|sb3 THREADS
     python -m benchmarks.speed.updates dqn_nature ours|sbx THREADS
 
-takes them once per "update" or "predict" on standard input. The learners have the paper's sizes: batches of 100,
+takes them once per "update" or "predict" on standard input. The algorithms have the paper's sizes: batches of 100,
 84 x 84 pixels, three convolutions of 32 filters with batch normalisation, two layers of 200 (for DQN no
 normalisation). "sb3" is Stable-Baselines3 as installed: its own policy, PyTorch's default memory format and allocator,
 and none of this package is imported. "sbx" is SB3's DQN in JAX (`pip install sbx-rl`), which has no DDPG on images and

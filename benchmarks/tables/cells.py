@@ -1,4 +1,4 @@
-"""Cells of the tables: one training of one row with one seed, and its record."""
+"""Cells of the tables: one training run per row and seed, and its record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture of the readings: success of the paper's settings, with the published numbers and the baselines."""
+"""The figure of the readings: success of the paper's settings, with the published numbers and the baselines."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path

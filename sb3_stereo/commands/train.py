@@ -139,7 +139,7 @@ def report(result: "Result", seconds: float, verbose: int) -> int:
     from sb3_stereo.runs.directory import BEST_MODEL, how_to_watch
 
     if verbose and result.evaluation is not None:
-        print(f"\nScores:\n{score_table(read_scores(result.run))}")
+        print(f"\nEvaluations:\n{score_table(read_scores(result.run))}")
         print(f"The best one is {BEST_MODEL}: watch it with {how_to_watch(result.run)}\n")
     print(last_line(result, seconds))
     return INTERRUPTED if result.interrupted else 0
