@@ -1,8 +1,8 @@
 """Viscous damping of joints that are too light for Bullet's own.
 
 Bullet's damping is a torque computed from the speed before the step. A joint that feels the inertia I then loses the
-fraction damping * time step / I of its speed in a step: more than one overshoots, more than two diverges. With 8 N m s/rad that
-is an inertia below 0.02 kg m^2 at 240 Hz, and the joints of a desktop arm feel 1e-4.
+fraction damping * time step / I of its speed in a step: more than one overshoots, more than two diverges. With
+8 N m s/rad that is an inertia below 0.02 kg m^2 at 240 Hz, and the joints of a desktop arm feel 1e-4.
 """
 
 from collections.abc import Sequence
