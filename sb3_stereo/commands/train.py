@@ -150,6 +150,7 @@ def resume_command(args: argparse.Namespace) -> int:
     from sb3_stereo.config.modules import import_installed, import_packages
     from sb3_stereo.errors import ConfigError
     from sb3_stereo.runs.directory import load_record, read_record
+    from sb3_stereo.training.options import recorded_options
     from sb3_stereo.training.trainer import resume
 
     given = [name for name, value in vars(make_parser().parse_args([])).items() if getattr(args, name) != value]
@@ -158,7 +159,9 @@ def resume_command(args: argparse.Namespace) -> int:
     run = Path(args.resume)
     import_packages(args.gym_packages)
     import_installed(read_record(run).packages)
-    with runtime.threads_for(load_record(run)[1].get("num_threads", -1)), warnings.catch_warnings():
+    recorded = load_record(run)[1]
+    recorded_options(recorded)
+    with runtime.threads_for(recorded.get("num_threads", -1)), warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: print(f"warning: {message}", file=sys.stderr)
         start = time.monotonic()
         return report(resume(run, args.verbose), time.monotonic() - start, args.verbose)

@@ -72,10 +72,12 @@ def cut_back(path: Path, size: int) -> bool:
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise a ConfigError if something in a folder is a link: what is written to it would land elsewhere."""
+    """Raise a ConfigError if something in a folder is a link or no file: what is written to it would land elsewhere."""
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
             raise ConfigError(f"'{path}' is a link, and a training writes there; put what it points to in its place")
+        if not path.is_file() and not path.is_dir():
+            raise ConfigError(f"'{path}' is neither a file nor a folder, and a training writes there; remove it")
 
 
 def disk_error(error: BaseException | None) -> OSError | None:

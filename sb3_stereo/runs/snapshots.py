@@ -4,10 +4,10 @@ They are called `checkpoints/step_2000-3f9ab1d2….pt`, with the beginning of th
 names its files. (A checkpoint in SB3's sense is a model alone, `rl_model_2000_steps.zip`.)
 """
 
-import pickle
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import torch as th
@@ -18,11 +18,12 @@ from sb3_stereo.runs.directory import checkpoint_name
 from sb3_stereo.runs.files import publish, sha256
 from sb3_stereo.runs.models import is_whole, save_model
 from sb3_stereo.runs.rollback import capture_files
+from sb3_stereo.runs.snapshot_file import FORMAT, read_snapshot
 from sb3_stereo.runs.training_state import State, capture, restore, restore_drawn
 
 FOLDER = "checkpoints"
-FORMAT = 2  # of a snapshot; before version 0.1.0 it had none
 N_KEPT = 2  # should the newest be damaged, there is the one before
+MISFITS = (ArithmeticError, AssertionError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
 _NAME = re.compile(r"step_(\d+)-([0-9a-f]{16})\.pt")
 
 
@@ -56,21 +57,9 @@ def newest(run: Path) -> State | None:
     """
     for path in _paths(run):
         if sha256(path)[:16] == _match(path)[2]:
-            return _load(path)
+            return read_snapshot(path)
         warnings.warn(f"'{path}' is damaged: its digest is another one; trying the snapshot before it", stacklevel=2)
     return None
-
-
-def _load(path: Path) -> State:
-    try:
-        state: State = th.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError as error:
-        way_out = "remove it, and the one before it is used"
-        raise ConfigError(f"'{path}' holds more than plain data, which is not loaded; {way_out}") from error
-    if state.get("format") != FORMAT:
-        way_out = "go on with the version that made it (see versions.yml), or begin with its models: -i best_model.zip"
-        raise ConfigError(f"'{path}' was made by an older version of sb3_stereo; {way_out}")
-    return state
 
 
 def _paths(run: Path) -> list[Path]:
@@ -130,14 +119,16 @@ class SaveSnapshots(BaseCallback):
 
     def _on_training_start(self) -> None:
         if self.state is not None:
-            restore(self.model, self.callbacks, self.state["training"])
+            with self._misfits_are_errors():
+                restore(self.model, self.callbacks, self.state["training"])
             if not is_whole(self.run / checkpoint_name(self.model.num_timesteps)):
                 self._save_model(self.model.num_timesteps)
         self.saved = self.model.num_timesteps
 
     def _on_rollout_start(self) -> None:
         if self.state is not None:
-            restore_drawn(self.model, self.state["training"])
+            with self._misfits_are_errors():
+                restore_drawn(self.model, self.state["training"])
             self.state = None  # it is as large as the replay buffer
         step = self.model.num_timesteps
         if self._is_due(step):
@@ -145,6 +136,19 @@ class SaveSnapshots(BaseCallback):
             training = capture(self.model, self.callbacks)
             files, events = capture_files(self.run), dict(self.event_sizes())
             save(self.run, step, {"training": training, "files": files, "events": events})
+
+    @contextmanager
+    def _misfits_are_errors(self) -> Iterator[None]:
+        """Say of a state that is not the one of such a training that it is not."""
+        try:
+            yield
+        except ConfigError:
+            raise
+        except MISFITS as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            what = f"the snapshot of step {self.state and self.state['step']} in '{self.run / FOLDER}'"
+            way_out = "remove it, and the one before it is used"
+            raise ConfigError(f"{what} does not go with the run's settings ({reason}); {way_out}") from error
 
     def _on_step(self) -> bool:
         return True

@@ -13,6 +13,7 @@ import yaml
 from filelock import FileLock, Timeout
 
 from sb3_stereo.config.schema import Config
+from sb3_stereo.envs import plain_yaml
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs.directory import UNREADABLE, arguments_file, env_name, scores_by_step
 from sb3_stereo.runs.files import write
@@ -33,8 +34,8 @@ def has_ended(run: str | Path, config: Config) -> bool:
     if not file.is_file():
         return _looks_ended(Path(run), config)
     try:
-        status = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, yaml.YAMLError):
+        status = plain_yaml.read(file)
+    except (OSError, ValueError):
         status = None
     if status not in (NEW, ENDED):
         raise ConfigError(f"'{file}' must be 'status: training' or 'status: ended'; write the one that is true there")
@@ -67,8 +68,11 @@ def locked(run: str | Path) -> Iterator[None]:
     Raises:
         ConfigError: If another process holds it, or nothing can be written there.
     """
-    lock = FileLock(arguments_file(run).with_name(LOCK), timeout=0)
+    file = arguments_file(run).with_name(LOCK)
+    lock = FileLock(file, timeout=0)
     try:
+        if file.exists() and file.stat().st_size > 0:  # opening it would empty it, and its bytes may have another name
+            raise ConfigError(f"'{file}' holds something, and a run's lock is empty; remove it")
         lock.acquire()
     except Timeout as error:
         raise ConfigError(f"another process trains '{run}' now; wait for it, or stop it first") from error

@@ -3,6 +3,7 @@
 Plain, because `torch.load(weights_only=True)` reads it without running anything.
 """
 
+import math
 import random
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -16,6 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise, VectorizedActionNoise
 
 from sb3_stereo.building.episodes import episodes, replay
+from sb3_stereo.runs.weights import checked_state, checked_tensors
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -63,14 +65,18 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
     """
     env = model.get_env()
     assert env is not None
-    model.set_parameters(state["networks"])
-    for name, variable in variables(model).items():
-        variable.data.copy_(state["variables"][name])
-    for name, value in state["counters"].items():
-        setattr(model, name, value)
+    for name in model._get_torch_save_params()[0]:
+        owner = attrgetter(name)(model)
+        owner.load_state_dict(checked_state(state["networks"][name], owner))
+    learnt = variables(model)
+    for name, value in checked_tensors(state["variables"], learnt).items():
+        learnt[name].data.copy_(value)
+    for name in COUNTERS:
+        if hasattr(model, name):
+            setattr(model, name, _number(state["counters"][name], name))
     model._num_timesteps_at_start = model.num_timesteps  # what SB3 measures its speed from
-    model._last_obs = to_numpy(state["last_obs"])
-    model._last_episode_starts = to_numpy(state["last_episode_starts"])
+    model._last_obs = _array(state["last_obs"], model._last_obs, "last_obs")
+    model._last_episode_starts = _array(state["last_episode_starts"], model._last_episode_starts, "last_episode_starts")
     model.ep_info_buffer = deque(state["ep_info"], model._stats_window_size)
     model.ep_success_buffer = deque(state["ep_success"], model._stats_window_size)
     _restore_buffer(getattr(model, "replay_buffer", None), state["replay_buffer"])
@@ -80,7 +86,10 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
         callback.num_timesteps = model.num_timesteps
         if name in state["callbacks"]:
             _restore_callback(callback, state["callbacks"][name])
-    replay(env, to_numpy(state["episodes"]))
+    records = to_numpy(state["episodes"])
+    if len(records) != env.num_envs:
+        raise ValueError(f"it has {len(records)} running episodes, and there are {env.num_envs} environments")
+    replay(env, records)
 
 
 def restore_drawn(model: "BaseAlgorithm", state: State) -> None:
@@ -142,10 +151,31 @@ def _buffer_state(buffer: ReplayBuffer | None) -> State | None:
 def _restore_buffer(buffer: ReplayBuffer | None, state: State | None) -> None:
     if buffer is None or state is None:
         return
-    buffer.pos, buffer.full = state["pos"], state["full"]
+    pos, full = state["pos"], state["full"]
+    if type(pos) is not int or not 0 <= pos < buffer.buffer_size or type(full) is not bool:
+        raise ValueError(f"a replay buffer of {buffer.buffer_size} rows is not at row {pos!r}, full: {full!r}")
+    buffer.pos, buffer.full = pos, full
     for name, array in _buffer_arrays(buffer).items():
         saved = state["arrays"][name].numpy()
+        if saved.dtype != array.dtype or saved.shape[1:] != array.shape[1:] or not len(saved) >= buffer.size():
+            raise ValueError(f"the replay buffer's '{name}' is {saved.dtype} {saved.shape}")
         array[: len(saved)] = saved
+
+
+def _array(saved: Any, own: Any, name: str) -> Any:
+    """An array of the shape of another; observations may also be several, by name."""
+    if isinstance(own, Mapping):
+        return {key: _array(saved[key], value, name) for key, value in own.items()}
+    array = to_numpy(saved)
+    if getattr(array, "dtype", None) != own.dtype or array.shape != own.shape:
+        raise ValueError(f"'{name}' is not {own.dtype} {own.shape}")
+    return array
+
+
+def _number(value: Any, name: str) -> int | float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"'{name}' must be a number, got {value!r}")
+    return value
 
 
 def _noises(model: "BaseAlgorithm") -> list[ActionNoise]:
@@ -185,7 +215,7 @@ def _callback_state(callback: Any) -> State:
 
 
 def _restore_callback(callback: Any, state: State) -> None:
-    callback.n_calls = state["n_calls"]
+    callback.n_calls = _number(state["n_calls"], "n_calls")
     if hasattr(callback, "load_state_dict"):
         callback.load_state_dict(state["own"])
 

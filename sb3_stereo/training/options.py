@@ -1,8 +1,13 @@
 """The options of a training run, and its result."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, get_type_hints
 
+from sb3_stereo.building.factory import VEC_ENVS
+from sb3_stereo.config.validation import fits
+from sb3_stereo.errors import ConfigError, unknown
 from sb3_stereo.evaluation.protocol import Evaluation
 
 
@@ -38,6 +43,26 @@ class Options:
     trust: bool = False
     progress: bool | None = None
     verbose: int = 1
+
+
+def recorded_options(args: Mapping[str, Any]) -> Options:
+    """Return the options in a run's record, which a hand may have changed.
+
+    Raises:
+        ConfigError: If one is missing or of the wrong type.
+    """
+    kinds = {**get_type_hints(Options), "num_threads": int, "tensorboard": str | None}
+    for name in kinds.keys() & args.keys():
+        if not fits(args[name], kinds[name]):
+            raise ConfigError(f"the run's args.yml has {name}: {args[name]!r}; write there what it was trained with")
+    for name, least in {"seed": 0, "n_eval_envs": 1}.items():
+        if args.get(name, -1) < least:
+            raise ConfigError(
+                f"the run's args.yml must have {name} of at least {least}; write what it was trained with"
+            )
+    if args.get("vec_env", "dummy") not in VEC_ENVS:
+        raise unknown("vec_env in the run's args.yml", args["vec_env"], VEC_ENVS)
+    return Options(**{name: args[name] for name in Options.__dataclass_fields__ if name in args})
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import shutil
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from sb3_stereo.runs.files import refuse_links
 from sb3_stereo.runs.rollback import restore_files
 from sb3_stereo.runs.training_state import State
 from sb3_stereo.training.errors import Refused, losses_are_errors
-from sb3_stereo.training.options import Options, Result
+from sb3_stereo.training.options import Options, Result, recorded_options
 from sb3_stereo.training.session import Session
 from sb3_stereo.training.signals import interruptions
 
@@ -83,15 +83,16 @@ def resume(run: Path, verbose: int = 1, on_evaluation: OnEvaluation | None = Non
         ConfigError: If there is no such run, it has ended, or another process trains it.
     """
     config, args = load_record(run)
-    names = {field.name for field in fields(Options)}
-    options = replace(Options(**{name: args[name] for name in names & args.keys()}), verbose=verbose)
+    options = replace(recorded_options(args), verbose=verbose)
+    refuse_links(run)  # before anything in it is opened for writing
     with interruptions() as signals, status.locked(run), losses_are_errors(run):
         if status.has_ended(run, config):  # not before: another process may just have brought it to its end
             snapshots.remove(run)  # it may have been killed just before
             raise ConfigError(f"'{run}' has ended after {config.n_timesteps} steps; there is nothing to go on with")
-        refuse_links(run)
         state = snapshots.newest(run)
         folder = tensorboard.folder_of(run, args.get("tensorboard"))
+        if folder is not None:
+            refuse_links(folder)
         _roll_back(run, state, folder)
         return Session(run, config, options, folder, state, on_evaluation).train(signals)
 

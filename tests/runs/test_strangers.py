@@ -350,3 +350,245 @@ def test_a_damaged_record_is_one_sentence(damage: str, run: Path, capsys: pytest
         assert main(argv) == 2
         message = capsys.readouterr().err
         assert message == f"error: '{run / 'FakeReach-v0'}' is not the record of a training ({error})\n"
+
+
+class Stopped(Exception):
+    """As a kill would."""
+
+
+def stop(run: Path) -> None:
+    raise Stopped
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was killed, with a snapshot."""
+    logs = tmp_path_factory.mktemp("stopped")
+    options = Options(seed=1, log_folder=str(logs), save_freq=8, eval_freq=20, device="cpu", verbose=0)
+    with pytest.raises(Stopped):
+        train(tiny_config(), options, on_evaluation=stop)
+    return next((logs / "ddpg").iterdir())
+
+
+@pytest.fixture
+def unfinished(stopped: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be damaged."""
+    return Path(shutil.copytree(stopped, tmp_path / "logs" / "ddpg" / stopped.name))
+
+
+LINKED = [
+    "checkpoints",
+    "evaluations.csv",
+    "0.monitor.csv",
+    "SHA256SUMS",
+    "best_model.zip",
+    "FakeReach-v0.zip",
+    "FakeReach-v0",
+    "FakeReach-v0/args.yml",
+    "FakeReach-v0/lock",
+    "FakeReach-v0/status.yml",
+    "tensorboard",
+]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", LINKED)
+@pytest.mark.parametrize("has_ended", [False, True])
+def test_nothing_behind_a_link_is_written_cut_or_deleted(
+    name: str, has_ended: bool, unfinished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder behind it has what the run had, and more."""
+    outside, path = tmp_path / "thesis", unfinished / name
+    outside.mkdir()
+    if has_ended:
+        (unfinished / "FakeReach-v0" / "status.yml").write_text("status: ended\n")
+    if path.is_dir() or name == "tensorboard":
+        shutil.move(path, outside / "folder") if path.is_dir() else (outside / "folder").mkdir()
+        (outside / "folder" / "chapter1.tex").write_text("work")
+        path.symlink_to(outside / "folder", target_is_directory=True)
+    else:
+        (outside / "file").write_bytes(path.read_bytes() if path.is_file() and path.stat().st_size else b"work")
+        path.unlink(missing_ok=True)
+        path.symlink_to(outside / "file")
+    before = contents(outside)
+    assert train_cli.main(["--resume", str(unfinished)]) == 2
+    assert capsys.readouterr().err == (
+        f"error: '{path}' is a link, and a training writes there; put what it points to in its place\n"
+    )
+    assert contents(outside) == before
+
+
+def test_a_lock_that_is_another_name_of_a_file_is_not_emptied(
+    unfinished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "chapter1.tex").write_text("work")
+    lock = unfinished / "FakeReach-v0" / "lock"
+    lock.unlink()
+    lock.hardlink_to(tmp_path / "chapter1.tex")
+    assert train_cli.main(["--resume", str(unfinished)]) == 2
+    assert capsys.readouterr().err == f"error: '{lock}' holds something, and a run's lock is empty; remove it\n"
+    assert (tmp_path / "chapter1.tex").read_text() == "work"
+
+
+def test_files_that_share_their_bytes_with_others_and_foreign_folders_survive_resuming(
+    unfinished: Path, tmp_path: Path
+) -> None:
+    """As in a copy by `cp -al`."""
+    outside = tmp_path / "thesis"
+    outside.mkdir()
+    for path in [*unfinished.glob("*.csv"), *unfinished.glob("SHA*"), *unfinished.glob("*.zip")]:
+        (outside / path.name).hardlink_to(path)
+    (unfinished / "checkpoints" / "partial").hardlink_to(unfinished / "evaluations.csv")
+    (unfinished / "checkpoints" / ".ipynb_checkpoints").mkdir()
+    (unfinished / "checkpoints" / "notes.txt").write_text("mine")
+    before = contents(outside)
+    assert train_cli.main(["--resume", str(unfinished), "--verbose", "0"]) == 0
+    assert contents(outside) == before
+    assert sorted(path.name for path in (unfinished / "checkpoints").iterdir()) == [".ipynb_checkpoints", "notes.txt"]
+
+
+def test_a_tensorboard_folder_of_the_record_that_is_not_the_runs_is_left_alone(
+    unfinished: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("tensorboard")
+    outside = tmp_path / "thesis"
+    outside.mkdir()
+    (outside / "events.out.tfevents.1.host.1.0").write_text("another's")
+    change(unfinished / "FakeReach-v0" / "args.yml", tensorboard=str(outside))
+    assert train_cli.main(["--resume", str(unfinished), "--verbose", "0"]) == 0
+    assert contents(outside) == {"events.out.tfevents.1.host.1.0": b"another's"}
+
+
+OPTIONS: dict[str, Any] = {
+    "seed": "three",
+    "n_eval_envs": [1],
+    "save_freq": None,
+    "tensorboard": 5,
+    "tensorboard_log": ["a"],
+    "num_threads": "many",
+    "trust": "yes",
+    "eval_freq": {"every": 5},
+}
+
+
+@pytest.mark.parametrize("name", list(OPTIONS))
+def test_options_of_a_record_that_have_another_type_are_one_sentence(
+    name: str, unfinished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(unfinished / "FakeReach-v0" / "args.yml", **{name: OPTIONS[name]})
+    before = contents(unfinished)
+    assert train_cli.main(["--resume", str(unfinished)]) == 2
+    assert capsys.readouterr().err == (
+        f"error: the run's args.yml has {name}: {OPTIONS[name]!r}; write there what it was trained with\n"
+    )
+    assert contents(unfinished) == before
+
+
+def test_options_of_a_record_that_are_out_of_range_are_one_sentence(
+    unfinished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = unfinished / "FakeReach-v0" / "args.yml"
+    for changes, sentence in (
+        ({"seed": -1}, "the run's args.yml must have seed of at least 0; write what it was trained with"),
+        (
+            {"seed": 1, "n_eval_envs": 0},
+            "the run's args.yml must have n_eval_envs of at least 1; write what it was trained with",
+        ),
+        (
+            {"n_eval_envs": 1, "vec_env": "cloud"},
+            "unknown vec_env in the run's args.yml 'cloud'; allowed are: dummy, subproc",
+        ),
+    ):
+        change(file, **changes)
+        assert train_cli.main(["--resume", str(unfinished)]) == 2
+        assert capsys.readouterr().err == f"error: {sentence}\n"
+
+
+def changed_snapshot(run: Path, path: str, value: Any) -> None:
+    """Leave one snapshot, with a right digest and a changed value; None of a path removes it."""
+    for old in sorted((run / "checkpoints").glob("*.pt"))[:-1]:
+        old.unlink()
+    (file,) = (run / "checkpoints").glob("*.pt")
+    state = th.load(file, weights_only=True)
+    *parents, last = path.split("/")
+    inner = state
+    for key in parents:
+        inner = inner[int(key) if isinstance(inner, list | tuple) else key]
+    if value is REMOVED:
+        del inner[last]
+    else:
+        inner[int(last) if isinstance(inner, list) else last] = value
+    save_snapshot(file, saved(state))
+
+
+def save_snapshot(file: Path, content: bytes) -> None:
+    file.unlink()
+    file.write_bytes(content)
+    file.rename(file.with_name(f"{file.name.partition('-')[0]}-{sha256(file)[:16]}.pt"))
+
+
+REMOVED = object()
+MISFIT = "does not go with the run's settings ("
+SNAPSHOTS: dict[str, tuple[str, Any, str]] = {
+    "no step": ("step", REMOVED, "its 'step' must be of type int"),
+    "a text for the step": ("step", "16", "its 'step' must be of type int"),
+    "a list for the training": ("training", [1], "its 'training' must be of type dict"),
+    "no files": ("files", {}, "its files are none that a training run writes"),
+    "a file elsewhere": ("files/checksums", {"../../other.zip": "0"}, "its files are none that a training run writes"),
+    "texts for files": ("files/contents", {"evaluations.csv": "text"}, "its files are none that a training run writes"),
+    "negative sizes": ("events", {"a": -1}, "its files are none that a training run writes"),
+    "no networks": ("training/networks", {}, f"{MISFIT}'policy')"),
+    "other networks": ("training/networks/policy", {"a": th.zeros(1)}, f"{MISFIT}the networks lack"),
+    "a text for a counter": ("training/counters/num_timesteps", "many", f"{MISFIT}'num_timesteps' must be a number"),
+    "no counters": ("training/counters", {}, MISFIT),
+    "a position outside": ("training/replay_buffer/pos", 10**9, f"{MISFIT}a replay buffer of 50 rows is not at row"),
+    "a list for a buffer": ("training/replay_buffer/arrays", [], MISFIT),
+    "other rewards": ("training/replay_buffer/arrays/rewards", th.zeros(3), f"{MISFIT}the replay buffer's 'rewards'"),
+    "an expanded array": (
+        "training/replay_buffer/arrays/rewards",
+        th.zeros(1).expand(10**9, 1),
+        "it has a tensor that claims the shape (1000000000, 1) and is smaller",
+    ),
+    "no generators": ("training/generators", {}, MISFIT),
+    "another generator": ("training/generators/torch", th.zeros(3), MISFIT),
+    "no episodes": ("training/episodes", [], MISFIT),
+    "another observation": ("training/last_obs", th.zeros(3), f"{MISFIT}'last_obs' is not uint8 (1, 1, 60, 60))"),
+    "a number for episodes": ("training/episodes", 3, MISFIT),
+    "billions of lists": ("training/ep_info", laugh(), "the same lists or maps occur in it again and again"),
+}
+
+
+@pytest.mark.parametrize("damage", list(SNAPSHOTS))
+def test_a_snapshot_with_a_right_digest_and_other_content_is_one_sentence(
+    damage: str, unfinished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, value, reason = SNAPSHOTS[damage]
+    changed_snapshot(unfinished, path, value)
+    with takes_less_than(100):
+        assert train_cli.main(["--resume", str(unfinished), "--verbose", "0"]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("error: ") and reason in message and message.count("\n") == 1
+    assert message.endswith("; remove it, and the one before it is used\n")
+
+
+def test_a_snapshot_sets_no_other_attribute_of_the_model(unfinished: Path) -> None:
+    changed_snapshot(unfinished, "training/counters/gamma", 77.0)
+    changed_snapshot(unfinished, "training/counters/predict", 5)
+    assert train_cli.main(["--resume", str(unfinished), "--verbose", "0"]) == 0
+    with zipfile.ZipFile(unfinished / "FakeReach-v0.zip") as archive:
+        settings = archive.read("data").decode()
+    assert '"gamma": 77' not in settings and '"predict": 5' not in settings
+
+
+def test_a_snapshot_that_is_compressed_inside_takes_no_memory(
+    unfinished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changed_snapshot(unfinished, "step", 16)
+    (file,) = (unfinished / "checkpoints").glob("*.pt")
+    save_snapshot(file, repacked(file.read_bytes(), with_zeros, zipfile.ZIP_DEFLATED))
+    with takes_less_than(50):
+        assert train_cli.main(["--resume", str(unfinished)]) == 2
+    assert "it is compressed inside, which PyTorch's files are not" in capsys.readouterr().err
