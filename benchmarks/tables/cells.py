@@ -26,6 +26,7 @@ from sb3_stereo.tuning.config import Metric
 if TYPE_CHECKING:
     from sb3_stereo.tuning.trials import Training
 
+V0 = "WamStereoReach-v0"  # of rows that name no environment: the paper's scale
 SUCCESS = Metric("eval/success_rate", "maximize")
 RETRIES = 2
 
@@ -51,7 +52,8 @@ class Row:
     def command(self, seed: int) -> list[str]:
         """What a person would type to train the same cell."""
         length = ["-n", str(self.checkpoints[-1])]
-        return ["python", "train.py", "--algo", self.algo, *self.arguments, "--seed", str(seed), *length]
+        env = [] if "--env" in self.arguments else ["--env", V0]
+        return ["python", "train.py", "--algo", self.algo, *env, *self.arguments, "--seed", str(seed), *length]
 
     def config(self) -> Config:
         """What that command learns."""

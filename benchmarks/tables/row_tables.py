@@ -54,6 +54,7 @@ def _row_table(row: Row) -> str:
         *_published(row, "published success, %", 0),
         line_of(["steps when reached", *map(mean, steps)]),
         *_published(row, "published steps", 1),
+        *_distances(row),
         line_of(["mean \\|a\\|", *map(mean, actions)]),
         line_of(["mean Q", *map(mean, values)]),
     ]
@@ -61,6 +62,21 @@ def _row_table(row: Row) -> str:
     if len(set(counts)) > 1:
         lines.append(line_of(["seeds", *map(str, counts)]))
     return "\n".join(lines) + f"\n\n`{' '.join(row.command(0))}`\n"
+
+
+def _distances(row: Row) -> list[str]:
+    """The lines of the distance in space at success, if the row's records have it."""
+    if not all(line.get("median_distance_success") for line in read(row.record)):
+        return []
+    median, quantile_95, near = (
+        [100 * values for values in by_checkpoint(row, name)]
+        for name in ("median_distance_success", "p95_distance_success", "within_5cm")
+    )
+    return [
+        line_of(["distance at success, cm: median", *map(mean, median)]),
+        line_of(["distance at success, cm: 95 %", *map(mean, quantile_95)]),
+        line_of(["success within 5 cm, %", *map(with_interval, near)]),
+    ]
 
 
 def _published(row: Row, name: str, which: int) -> list[str]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.policies import BasePolicy
 
-DEFAULT_ENV = "WamStereoReach-v0"
+DEFAULT_ENV = "WamStereoReach-v1"
 
 # Name to package; the class has the name in capitals, but for CrossQ.
 ALGORITHMS = {
