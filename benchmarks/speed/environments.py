@@ -18,7 +18,6 @@ import gymnasium as gym
 import pybullet
 
 from benchmarks.speed.timing import Candidate, Parts, Worker, medians, on_one_core, peak_memory, serve, timed
-from sb3_stereo.envs import sight
 
 ENV_ID = "sb3_stereo:WamStereoReach-v0"
 N_STEPS = 10  # per time, to even out resets and what the candidate before left in the caches
@@ -66,7 +65,7 @@ def step_parts() -> dict[str, Candidate]:
         for part, owner, name in (
             ("simulation", pybullet, "stepSimulation"),
             ("efforts", pybullet, "setJointMotorControlArray"),
-            ("blobs", sight, "find_blobs"),
+            ("blobs", inner._world.eyes, "_measure"),
         )
     ]
     for camera in inner.cameras:

@@ -22,29 +22,36 @@ from sb3_stereo.errors import ConfigError
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
+Wrappers = tuple[tuple[type[gym.Wrapper], dict[str, Any]], ...]  # classes with their arguments, innermost first
+
 VEC_ENVS: dict[str, type[DummyVecEnv] | type[SubprocVecEnv]] = {"dummy": DummyVecEnv, "subproc": SubprocVecEnv}
 
 
 def make_env(env_id: str, env_kwargs: Mapping[str, Any], env_wrapper: Sequence[Component]) -> Callable[[], gym.Env]:
     """Return a function that makes the wrapped environment, in another process as well."""
-    return partial(_make, gym.spec(env_id), dict(env_kwargs), tuple(env_wrapper))
+    return partial(_make, gym.spec(env_id), dict(env_kwargs), _wrappers(env_wrapper))
 
 
-def _make(spec: gym.envs.registration.EnvSpec, env_kwargs: dict[str, Any], env_wrapper: Sequence[Component]) -> gym.Env:
+def _make(spec: gym.envs.registration.EnvSpec, env_kwargs: dict[str, Any], env_wrapper: Wrappers) -> gym.Env:
     if multiprocessing.parent_process() is not None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process, which closes the workers
-    return wrap(spec.make(**env_kwargs), env_wrapper)
+    return _wrap(spec.make(**env_kwargs), env_wrapper)
 
 
-def wrap(env: gym.Env, env_wrapper: Sequence[Component]) -> gym.Env:
+def _wrappers(components: Sequence[Component]) -> Wrappers:
+    """The classes, which another process imports by itself: what the user has named is known in this one alone."""
+    return tuple((import_class(c.path, gym.Wrapper, "env_wrapper"), dict(c.kwargs)) for c in components)
+
+
+def _wrap(env: gym.Env, env_wrapper: Wrappers) -> gym.Env:
     """Wrap an environment, the first wrapper innermost."""
-    for component in env_wrapper:
-        env = import_class(component.path, gym.Wrapper, "env_wrapper")(env, **component.kwargs)
+    for wrapper, kwargs in env_wrapper:
+        env = wrapper(env, **kwargs)
     return env
 
 
-def _wrap_for_training(env: gym.Env, env_wrapper: Sequence[Component]) -> gym.Env:
-    return ResumableEpisode(wrap(env, env_wrapper))
+def _wrap_for_training(env: gym.Env, env_wrapper: Wrappers) -> gym.Env:
+    return ResumableEpisode(_wrap(env, env_wrapper))
 
 
 def make_training_env(
@@ -66,7 +73,7 @@ def make_training_env(
         n_envs=config.n_envs,
         seed=seed,
         monitor_dir=monitor_dir,
-        wrapper_class=partial(_wrap_for_training, env_wrapper=config.env_wrapper),
+        wrapper_class=partial(_wrap_for_training, env_wrapper=_wrappers(config.env_wrapper)),
         vec_env_cls=VEC_ENVS[vec_env],
         monitor_kwargs=resolve_lists(config.monitor_kwargs) | ({"override_existing": False} if append else {}),
     )

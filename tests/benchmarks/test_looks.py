@@ -16,7 +16,7 @@ from benchmarks.analysis.looks import efforts_of, look
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.wrappers import QuantizedActions
 from sb3_stereo.evaluation.protocol import random_starts
-from sb3_stereo.training import trainer
+from sb3_stereo.training import session
 
 POSE = (1.0, 0.4, 0.0, 0.8)
 ACTIONS = np.array([(1, 0, 0, 0), (-1, 0, 0, 0)], np.float32)
@@ -54,7 +54,7 @@ def test_a_run_is_recorded_with_the_steps_that_its_model_was_trained_for(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(benchmarks, "RESULTS", tmp_path / "results")
-    for module in (looks, trainer):
+    for module in (looks, session):
         monkeypatch.setattr(module, "test_starts", lambda *_: random_starts(2, seed=0))
     arguments = ["--algo", "dqn", "-n", "6", "--seed", "3", "--eval-freq", "-1", "--verbose", "0", "-f", str(logs)]
     arguments += ["--env-kwargs", "max_episode_steps:2", "-params", "learning_starts:4", "batch_size:4"]

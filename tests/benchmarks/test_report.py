@@ -49,7 +49,7 @@ def test_the_table_is_the_one_worked_out_by_hand(records: Path) -> None:
 | mean \\|a\\| | 0.75 | 0.50 |
 | mean Q | 0.50 | 0.50 |
 
-`python train.py --algo ddpg -params gamma:0.9 --seed 0 -n 20`
+`python train.py --algo ddpg --env WamStereoReach-v0 -params gamma:0.9 --seed 0 -n 20`
 """
     assert table in text
     assert text.endswith("Made with: Python 3.\n")
