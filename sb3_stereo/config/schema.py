@@ -15,6 +15,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from sb3_stereo.config import limits
 from sb3_stereo.config.components import Component, check_kwargs, coerce, import_class, parameters, parse_components
+from sb3_stereo.config.old_settings import renamed_keys, renamed_settings
 from sb3_stereo.config.values import flatten, override_all, read_hyperparams
 from sb3_stereo.config.zoo_literals import parse_map
 from sb3_stereo.errors import ConfigError, setting_up, unknown
@@ -25,15 +26,15 @@ if TYPE_CHECKING:
 
 DEFAULT_ENV = "WamStereoReach-v0"
 
-# Name to package; the class has the name in capitals, but for CrossQ.
+# Ours are SB3's and sb3-contrib's with further settings; without these they are the ones that they extend, bit for bit.
 ALGORITHMS = {
-    "ddpg": "stable_baselines3",
-    "dqn": "stable_baselines3",
-    "td3": "stable_baselines3",
-    "sac": "stable_baselines3",
-    "ppo": "stable_baselines3",
-    "crossq": "sb3_contrib",
-    "tqc": "sb3_contrib",
+    "ddpg": "sb3_stereo.StereoDDPG",
+    "dqn": "sb3_stereo.StereoDQN",
+    "td3": "sb3_stereo.StereoTD3",
+    "sac": "sb3_stereo.StereoSAC",
+    "ppo": "stable_baselines3.PPO",
+    "crossq": "sb3_stereo.StereoCrossQ",
+    "tqc": "sb3_stereo.StereoTQC",
 }
 SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")  # a number, or lin_<number>, which falls to 0
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
@@ -110,13 +111,13 @@ def algorithm(name: str) -> "type[BaseAlgorithm]":
     """
     if name not in ALGORITHMS:
         raise unknown("algorithm", name, ALGORITHMS)
+    module, _, class_name = ALGORITHMS[name].rpartition(".")
     try:
-        package = import_module(ALGORITHMS[name])
+        cls: type[BaseAlgorithm] = getattr(import_module(module), class_name)
     except ImportError as error:
         raise ConfigError(
-            f"algorithm '{name}' needs {ALGORITHMS[name]}; install it with: pip install 'sb3_stereo[contrib]'"
+            f"algorithm '{name}' needs {error.name}; install it with: pip install 'sb3_stereo[contrib]'"
         ) from error
-    cls: type[BaseAlgorithm] = getattr(package, "CrossQ" if name == "crossq" else name.upper())
     return cls
 
 
@@ -153,7 +154,7 @@ def load_config(
     """
     algorithm(algo)
     check_env_id(env_id)
-    values = override_all(read_hyperparams(algo, env_id, conf_file), params)
+    values = override_all(renamed_settings(algo, read_hyperparams(algo, env_id, conf_file)), renamed_keys(params))
     if env_kwargs:
         values["env_kwargs"] = {**(values.get("env_kwargs") or {}), **env_kwargs}
     if n_timesteps != -1:
@@ -163,7 +164,7 @@ def load_config(
 
 def overridden(config: Config, params: Mapping[str, Any]) -> Config:
     """Return the configuration with overrides by key, checked."""
-    return parse_config(config.algo, config.env_id, override_all(config.plain(), params))
+    return parse_config(config.algo, config.env_id, override_all(config.plain(), renamed_keys(params)))
 
 
 def check_env_id(env_id: str) -> None:
@@ -181,6 +182,7 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
     from stable_baselines3.common.monitor import Monitor
 
     algo_class = algorithm(algo)
+    values = renamed_settings(algo, values)
     algo_keys = set(parameters(algo_class)) - _NOT_FROM_YAML
     own_keys = {*Config.__dataclass_fields__, "frame_stack"} - {"algo", "env_id", "algo_kwargs"}
     values = {key: value for key, value in values.items() if key not in NOT_SUPPORTED or value}
