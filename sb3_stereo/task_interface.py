@@ -1,6 +1,6 @@
 """What learner and tools ask of an environment: attributes, and keys of its `info`.
 
-Attributes are asked through all wrappers. An environment need not have any of them: `task_of` says what is assumed then.
+Attributes are asked through all wrappers. An environment may lack any of them: see `Task`.
 """
 
 from __future__ import annotations

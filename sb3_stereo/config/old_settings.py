@@ -61,7 +61,8 @@ def renamed_settings(algo: str, values: Mapping[str, Any]) -> dict[str, Any]:
     values = dict(values)
     callbacks = values.get("callback")
     items = callbacks if isinstance(callbacks, list) else [callbacks]
-    kept, settings = [], {}
+    kept: list[Any] = []
+    settings: dict[str, Any] = {}
     for item in items:
         path, kwargs = next(iter(item.items())) if isinstance(item, Mapping) and len(item) == 1 else (item, {})
         name = str(path).rpartition(".")[2]

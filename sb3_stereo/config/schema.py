@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 DEFAULT_ENV = "WamStereoReach-v0"
 
-# Ours are SB3's and sb3-contrib's with further settings; without these they are the ones that they extend, bit for bit.
+# Name to the package whose algorithm it is; the class has the name in capitals, but for CrossQ.
 ALGORITHMS = {
-    "ddpg": "sb3_stereo.StereoDDPG",
-    "dqn": "sb3_stereo.StereoDQN",
-    "td3": "sb3_stereo.StereoTD3",
-    "sac": "sb3_stereo.StereoSAC",
-    "ppo": "stable_baselines3.PPO",
-    "crossq": "sb3_stereo.StereoCrossQ",
-    "tqc": "sb3_stereo.StereoTQC",
+    "ddpg": "stable_baselines3",
+    "dqn": "stable_baselines3",
+    "td3": "stable_baselines3",
+    "sac": "stable_baselines3",
+    "ppo": "stable_baselines3",
+    "crossq": "sb3_contrib",
+    "tqc": "sb3_contrib",
 }
 SCHEDULES = ("learning_rate", "clip_range", "clip_range_vf")  # a number, or lin_<number>, which falls to 0
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
@@ -104,20 +104,22 @@ class Config:
 
 
 def algorithm(name: str) -> "type[BaseAlgorithm]":
-    """Return the class of that name, of SB3 or sb3-contrib.
+    """Return the class of that name: ours, which without our settings trains as the one that it extends, or SB3's.
 
     Raises:
         ConfigError: If the algorithm is none of ours, or its package is not installed.
     """
     if name not in ALGORITHMS:
         raise unknown("algorithm", name, ALGORITHMS)
-    module, _, class_name = ALGORITHMS[name].rpartition(".")
     try:
-        cls: type[BaseAlgorithm] = getattr(import_module(module), class_name)
+        package = import_module(ALGORITHMS[name])
     except ImportError as error:
         raise ConfigError(
-            f"algorithm '{name}' needs {error.name}; install it with: pip install 'sb3_stereo[contrib]'"
+            f"algorithm '{name}' needs {ALGORITHMS[name]}; install it with: pip install 'sb3_stereo[contrib]'"
         ) from error
+    class_name = "CrossQ" if name == "crossq" else name.upper()
+    ours = getattr(import_module("sb3_stereo"), f"Stereo{class_name}", None)
+    cls: type[BaseAlgorithm] = ours or getattr(package, class_name)
     return cls
 
 
@@ -280,7 +282,7 @@ def _noise(values: Mapping[str, Any], algo_class: Any) -> dict[str, Any]:
     if "action_noise" not in parameters(algo_class):
         raise ConfigError(
             f"noise_type '{noise_type}' needs an off-policy algorithm with continuous actions; "
-            f"remove it for {algo_class.__name__}"
+            f"remove it for {_sb3_name(algo_class)}"
         )
     if noise_type not in NOISE_TYPES:
         raise unknown("noise_type", noise_type, NOISE_TYPES)
@@ -296,9 +298,14 @@ def _algo_kwargs(algo_class: Any, kwargs: dict[str, Any]) -> dict[str, Any]:
         value = kwargs.get(key)
         if isinstance(value, str):
             limits.check(key, _linear(value, key), key)
-    if "replay_buffer_kwargs" in kwargs:
-        kwargs["replay_buffer_kwargs"] = _as_map(kwargs, "replay_buffer_kwargs")
-    return check_kwargs(algo_class, kwargs, algo_class.__name__)
+    for key in ("replay_buffer_kwargs", "pretraining", "exploration"):
+        if kwargs.get(key) is not None:
+            kwargs[key] = _as_map(kwargs, key)
+    return check_kwargs(algo_class, kwargs, _sb3_name(algo_class))
+
+
+def _sb3_name(algo_class: Any) -> str:
+    return str(algo_class.__name__.removeprefix("Stereo"))
 
 
 def _linear(value: str, key: str) -> float:

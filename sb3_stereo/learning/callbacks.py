@@ -1,6 +1,7 @@
 """Callbacks that version 0.0 had in place of our algorithms' settings; to be removed with 0.2.
 
-They bring the same into SB3's own algorithms, one by one, and their order counts. `StereoDDPG` and its siblings need none.
+They bring the same into SB3's own algorithms, one by one, and their order counts. `StereoDDPG` and the others that are
+ours need none.
 """
 
 from __future__ import annotations
@@ -109,7 +110,7 @@ class StereoReplay(_Deprecated):
     ) -> None:
         super().__init__(verbose)
         settings = {"n_views": n_views, "mirrored_joints": mirrored_joints, "n_joints": n_joints}
-        self.settings = {name: value for name, value in settings.items() if value is not None}
+        self.settings: dict[str, Any] = {name: value for name, value in settings.items() if value is not None}
         self.settings |= {"mirror_probability": mirror_probability, "success_fraction": goal_share}
 
     def _on_training_start(self) -> None:

@@ -25,6 +25,8 @@ class DynamicsMixin(OffPolicyMixin):
     """
 
     PRETRAINING = ("dynamics", "agent")
+    policy: Any  # with `dynamics` and `encoder`
+    replay_buffer: Any  # a `StereoReplayBuffer` where there are heads
 
     def __init__(self, *args: Any, dynamics_steps: int = 0, **kwargs: Any) -> None:
         if dynamics_steps < 0:

@@ -140,8 +140,8 @@ class Annealing:
 def anneal(model: Any, annealing: Annealing) -> None:
     """Let a model that is about to learn explore by epsilon.
 
-    DQN's exploration rate becomes epsilon. The Ornstein-Uhlenbeck noise of other algorithms gives way to an annealed one
-    with the same mean and sigma, made anew for the number of environments at hand (a model loaded with another number
+    DQN's exploration rate becomes epsilon. The Ornstein-Uhlenbeck noise of others gives way to an annealed one with
+    the same mean and sigma, made anew for the number of environments at hand (a model loaded with another number
     of environments would fail otherwise). Training that goes on goes on with epsilon where it was.
 
     Raises:

@@ -76,8 +76,10 @@ class StereoReplayBuffer(ReplayBuffer):
                 "set mirrored_joints, or mirror_probability to 0"
             )
         if n_steps < 1 or (n_steps > 1 and self.optimize_memory_usage):
-            wanted = "optimize_memory_usage keeps no row for it; set it to false" if n_steps > 1 else "give 1 or more"
-            raise ValueError(f"n_steps is {n_steps}, and {wanted}")
+            problem = "give 1 or more" if n_steps < 1 else "set optimize_memory_usage to false for it"
+                "optimize_memory_usage does not go with it, set that to false" if n_steps > 1 else "give 1 or more"
+            )
+            raise ValueError(f"n_steps is {n_steps}; {problem}")
         self.n_views, self.mirror_probability, self.success_fraction = n_views, mirror_probability, success_fraction
         self.n_steps, self.gamma = n_steps, gamma
         self.views_in_channels = self.obs_shape[0] == n_views if views_in_channels is None else views_in_channels
@@ -201,7 +203,8 @@ class StereoReplayBuffer(ReplayBuffer):
         """
         n_images, channels, height, width = images.shape
         if self.views_in_channels:
-            return images.unflatten(1, (-1, self.n_views)).flip(2, 4).flatten(1, 2)
+            frames = images.reshape(n_images, channels // self.n_views, self.n_views, height, width)
+            return frames.flip(2, 4).flatten(1, 2)
         views = images.reshape(n_images, channels, self.n_views, height // self.n_views, width)
         return views.flip(2, 4).flatten(2, 3)
 

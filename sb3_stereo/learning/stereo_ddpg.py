@@ -2,8 +2,8 @@
 
 One step of a training, in this order:
 
-1. SB3 acts and stores the transition, with the markers' offsets from `info` (`StereoReplayBuffer`). Exploration is SB3's
-   noise times an epsilon that falls (`OffPolicyMixin`).
+1. SB3 acts and stores the transition, with the markers' offsets from `info` (`StereoReplayBuffer`). Exploration is
+   Ornstein-Uhlenbeck noise times an epsilon that falls (`OffPolicyMixin`).
 2. Once, when the random transitions are there: `pretraining["dynamics"]` updates of the encoder for each of them, then
    `pretraining["agent"]` updates of critic and actor (`_on_step`).
 3. `train`: `dynamics_steps` updates of the encoder, then `gradient_steps` updates of critic and actor.
@@ -23,6 +23,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from torch.nn import functional as F
 
 from sb3_stereo.learning.dynamics import DynamicsMixin
+from sb3_stereo.policies.actor_critic import StereoCritic
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.layers import scale_images
 
@@ -41,6 +42,9 @@ class StereoTD3(DynamicsMixin, TD3):
         kwargs: As in SB3's `TD3`. Where `replay_buffer_kwargs` or the policy need it, the replay buffer is a
             `StereoReplayBuffer`, and the environment is asked for what it must know.
     """
+
+    critic: StereoCritic
+    critic_target: StereoCritic
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Update encoder, critic and actor from the replay buffer."""
@@ -72,7 +76,6 @@ class StereoTD3(DynamicsMixin, TD3):
 
         Neither critic nor actor changes the encoder, so that several batches are encoded in one pass.
         """
-        assert self.replay_buffer is not None
         for start in range(0, n_batches, ENCODED_AT_ONCE):
             n = min(ENCODED_AT_ONCE, n_batches - start)
             batches = [self.replay_buffer.sample(batch_size, self._vec_normalize_env) for _ in range(n)]
@@ -99,7 +102,7 @@ class StereoTD3(DynamicsMixin, TD3):
 
     def _update_actor(self, features: th.Tensor) -> float:
         """One step on -Q1(s, pi(s)), whose gradient passes through critic and forward model and changes neither."""
-        loss = -self.critic.q1_values(features, self.actor.mu(features)).mean()
+        loss: Any = -self.critic.q1_values(features, self.actor.mu(features)).mean()
         self.actor.optimizer.zero_grad()
         loss.backward()
         self.actor.optimizer.step()

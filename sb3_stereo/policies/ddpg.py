@@ -17,8 +17,8 @@ from sb3_stereo.policies.actor_critic import StereoActor, StereoCritic
 from sb3_stereo.policies.dynamics import DynamicsHeads
 from sb3_stereo.policies.extractors import StereoCnn, refuse_maps
 from sb3_stereo.policies.layers import check_choice
+from sb3_stereo.policies.old_names import rename_keys, renamed_choice
 from sb3_stereo.policies.optim import ScaledAdam
-from sb3_stereo.policies.old_names import renamed_choice, rename_keys
 from sb3_stereo.policies.shared_encoder import SharedEncoderView
 
 ENCODER_LOSSES = ("critic", "dynamics")
