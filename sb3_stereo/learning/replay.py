@@ -77,8 +77,6 @@ class StereoReplayBuffer(ReplayBuffer):
             )
         if n_steps < 1 or (n_steps > 1 and self.optimize_memory_usage):
             problem = "give 1 or more" if n_steps < 1 else "set optimize_memory_usage to false for it"
-                "optimize_memory_usage does not go with it, set that to false" if n_steps > 1 else "give 1 or more"
-            )
             raise ValueError(f"n_steps is {n_steps}; {problem}")
         self.n_views, self.mirror_probability, self.success_fraction = n_views, mirror_probability, success_fraction
         self.n_steps, self.gamma = n_steps, gamma

@@ -286,7 +286,8 @@ def test_the_replay_buffer_asks_for_the_mirror() -> None:
         (
             {"policy_kwargs": {"encoder_loss": "critic"}},
             "dynamics_steps and pretraining.dynamics train an encoder by its auxiliary losses, and StereoDDPGPolicy "
-            "has none here; set encoder_loss ('dynamics', for DQN 'critic+dynamics') in policy_kwargs, or leave them out",
+            "has none here; set encoder_loss ('dynamics', for DQN 'critic+dynamics') in policy_kwargs, "
+            "or leave them out",
         ),
         (
             {"replay_buffer_class": ReplayBuffer},
