@@ -90,6 +90,7 @@ class DynamicsHeads(nn.Module):
         features, next_features = encoder(scale_images(images, encoder._observation_space)).chunk(2)
         encoder.train(was_training)
         loss = self.loss(features, next_features, samples)
+        self.optimizer.zero_grad()  # of DQN's loss, which trains the encoder too
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimizer.step()
         self.optimizer.zero_grad()  # DQN clips by the norm of all gradients of the policy

@@ -34,3 +34,15 @@ def rename_keys(state: Mapping[str, Any]) -> Mapping[str, Any]:
         prefix = next(prefix for prefix in RENAMED_KEYS if name.startswith(prefix))
         new[RENAMED_KEYS[prefix] + name.removeprefix(prefix)] = new.pop(name)
     return {**new, "dynamics.n_updates": th.tensor(1)}
+
+
+def upgraded(state: Mapping[str, Any], present: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a saved policy's state under the present names.
+
+    Args:
+        state: The saved one.
+        present: That of a new policy, whose heads are taken if the saved one has none: DQN acts without them.
+    """
+    state = rename_keys(state)
+    heads = {name: value for name, value in present.items() if name.startswith("dynamics.")}
+    return state if heads.keys() & state.keys() else {**state, **heads}

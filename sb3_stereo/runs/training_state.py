@@ -16,6 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise, VectorizedActionNoise
 
 from sb3_stereo.building.episodes import episodes, replay
+from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -63,6 +64,11 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
     """
     env = model.get_env()
     assert env is not None
+    if missing := set(model._get_torch_save_params()[0]) - state["networks"].keys():
+        raise ConfigError(
+            f"the snapshot lacks {', '.join(sorted(missing))}: it is of a version before 0.1.0, whose training runs "
+            "cannot be resumed; evaluate it as it is, or train anew"
+        )
     model.set_parameters(state["networks"])
     for name, variable in variables(model).items():
         variable.data.copy_(state["variables"][name])

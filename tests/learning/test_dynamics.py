@@ -250,6 +250,20 @@ def test_dqns_encoder_learns_from_both_losses_and_its_heads_are_the_policys() ->
     assert any(name.startswith("dynamics.forward_model") for name in model.policy.state_dict())
 
 
+def test_gradients_of_one_loss_do_not_leak_into_the_other() -> None:
+    def updated(leftover: float) -> dict[str, th.Tensor]:
+        model = dqn(pretraining={"dynamics": 1}, dynamics_steps=1)
+        model.learn(30)
+        for parameter in model.policy.parameters():
+            parameter.grad = th.full_like(parameter, leftover)
+        np.random.seed(0)
+        model._train_dynamics(1, 8)
+        assert all(p.grad is None for p in (*model.policy.encoder.parameters(), *model.policy.dynamics.parameters()))
+        return state(model.policy)
+
+    assert same(updated(0.0), updated(1.0))
+
+
 # --- what the environment and the settings say
 
 
