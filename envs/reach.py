@@ -189,6 +189,11 @@ class StereoReachEnv(SimulatedEnv):
         return tuple(self.arm.spec.joints.index(joint) for joint in mirrored)
 
     @property
+    def n_views(self) -> int:
+        """Views in an observation."""
+        return len(self.cameras)
+
+    @property
     def views_in_channels(self) -> bool:
         """Whether an observation has each view in a channel of its own, and not stacked in one image."""
         return self.composite.views_in_channels

@@ -4,6 +4,7 @@ Importing this package registers the environments and loads neither torch nor Py
 imported when they are first used.
 """
 
+import sys
 from importlib import import_module
 from typing import Any
 
@@ -13,20 +14,26 @@ from sb3_stereo.envs import ENV_IDS
 __version__ = "0.1.0"
 
 _LAZY = {
-    "AnnealExploration": "sb3_stereo.learning.exploration",
+    "AnnealExploration": "sb3_stereo.learning.callbacks",
     "AnnealedOrnsteinUhlenbeckNoise": "sb3_stereo.learning.exploration",
-    "LearnFromMotion": "sb3_stereo.learning.dynamics",
-    "StereoReplay": "sb3_stereo.learning.replay",
+    "LearnFromMotion": "sb3_stereo.learning.callbacks",
+    "StereoReplay": "sb3_stereo.learning.callbacks",
     "StereoReplayBuffer": "sb3_stereo.learning.replay",
     "QuantizedActions": "sb3_stereo.envs.wrappers",
     "StereoCnn": "sb3_stereo.policies.extractors",
+    "StereoCrossQ": "sb3_stereo.learning.contrib",
+    "StereoDDPG": "sb3_stereo.learning.stereo_ddpg",
     "StereoDDPGPolicy": "sb3_stereo.policies.ddpg",
+    "StereoDQN": "sb3_stereo.learning.stereo_dqn",
+    "StereoSAC": "sb3_stereo.learning.stereo_sac",
+    "StereoTD3": "sb3_stereo.learning.stereo_ddpg",
+    "StereoTQC": "sb3_stereo.learning.contrib",
     "StereoCrossQPolicy": "sb3_stereo.policies.contrib",
     "StereoDQNPolicy": "sb3_stereo.policies.dqn",
     "StereoPPOPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoSACPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoTQCPolicy": "sb3_stereo.policies.contrib",
-    "WarmUp": "sb3_stereo.learning.warmup",
+    "WarmUp": "sb3_stereo.learning.callbacks",
 }
 
 __all__ = ["ENV_IDS", "__version__", *_LAZY]
@@ -43,3 +50,6 @@ def __dir__() -> list[str]:
 
 
 renamed.install()
+
+if "rl_zoo3" in sys.modules:  # --gym-packages sb3_stereo brings our algorithms into the zoo, and not environments alone
+    import_module("sb3_stereo.learning.zoo").register(sys.modules["rl_zoo3"].ALGOS)

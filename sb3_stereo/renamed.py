@@ -15,21 +15,21 @@ from types import CodeType, ModuleType
 
 PACKAGE = "sb3_stereo."
 RENAMED = {
-    "buffers": "learning.replay",
+    "buffers": "learning.callbacks",
     "check": "commands.check",
     "contrib": "policies.contrib",
     "enjoy": "commands.enjoy",
     "evaluate": "commands.evaluate",
-    "exploration": "learning.exploration",
+    "exploration": "learning.callbacks",
     "extractors": "policies.extractors",
     "learners": "policies.sac_ppo",
     "models": "runs.models",
-    "motion": "learning.dynamics",
+    "motion": "learning.callbacks",
     "play_images": "commands.play_images",
     "plot": "commands.plot",
     "sweep": "commands.sweep",
     "train": "commands.train",
-    "warmup": "learning.warmup",
+    "warmup": "learning.callbacks",
 }
 
 

@@ -1,21 +1,85 @@
-"""What the learner and the tools ask of an environment."""
+"""What learner and tools ask of an environment: attributes, and keys of its `info`.
+
+Attributes are asked through all wrappers. An environment may lack any of them: see `Task`.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 from stable_baselines3.common.vec_env import VecEnv
 
-OFFSETS = "pixel_offsets"  # the key in `info`: where the end effector is from the target, (n_views, 2) in [px]
+# Keys of `info`, after every reset and step.
+OFFSETS = "pixel_offsets"  # from the target to the end effector, (n_views, 2) in [px]; NaN where it is occluded
+DISTANCES = "pixel_distances"  # their lengths, (n_views,) in [px]
+SUCCESS = "is_success"  # SB3's name
 
 
-def asked(env: VecEnv, attribute: str) -> Any:
-    """Return what an environment says of itself, through its wrappers; None if it does not say."""
-    return env.get_attr(attribute)[0] if env.has_attr(attribute) else None
+class StereoTask(Protocol):
+    """The attributes."""
+
+    n_views: int
+    views_in_channels: bool  # each view is a channel, and not a part of the rows
+    mirrored_joints: tuple[int, ...] | None  # action components that change sign in the mirror; None: no mirror image
+    n_joints: int  # joints that one discrete action moves; `QuantizedActions` has it
 
 
-def check_views(env: VecEnv, n_views: int, what: str, key: str) -> None:
-    """Raise a ValueError if the environment tells of another number of views in its `info`."""
-    found = next((len(info[OFFSETS]) for info in env.unwrapped.reset_infos if OFFSETS in info), n_views)
-    if found != n_views:
-        raise ValueError(f"{what} {n_views}, and the environment has views: {found}; set {key}:{found}")
+@dataclass(frozen=True)
+class Task:
+    """What an environment says of itself.
+
+    Attributes:
+        n_views: Views in an image; a stereo pair if the environment does not say.
+        views_in_channels: As in `StereoTask`; None if the environment does not say.
+        mirrored_joints: As in `StereoTask`; None as well if the environment does not say.
+        n_joints: As in `StereoTask`; None if the environment does not say.
+    """
+
+    n_views: int = 2
+    views_in_channels: bool | None = None
+    mirrored_joints: tuple[int, ...] | None = None
+    n_joints: int | None = None
+
+
+def env_attribute(env: VecEnv, name: str, default: Any = None) -> Any:
+    """Return an attribute of the environments, through their wrappers; the default if they do not have it."""
+    return env.get_attr(name)[0] if env.has_attr(name) else default
+
+
+def task_of(env: VecEnv | None) -> Task:
+    """Ask an environment for all attributes; a model that is loaded without one knows nothing of it."""
+    if env is None:
+        return Task()
+    return Task(**{name: env_attribute(env, name, default) for name, default in vars(Task()).items()})
+
+
+def agreed_n_views(env: VecEnv | None, settings: Mapping[str, Any], name: str) -> None:
+    """Make sure that settings which have a number of views have the environment's.
+
+    Raises:
+        ValueError: If they do not.
+    """
+    n_views = task_of(env).n_views
+    if env is not None and settings.get("n_views", n_views) != n_views:
+        raise ValueError(f"{name}: n_views is {settings['n_views']}, and the environment has {n_views}; leave it out")
+
+
+def check_offsets(env: VecEnv, n_views: int, needed_by: str) -> None:
+    """Make sure that environments that have been reset say where the end effector is, in every view.
+
+    Raises:
+        ValueError: If they do not, or they have another number of views.
+    """
+    for info in env.unwrapped.reset_infos:  # a wrapper's own are empty
+        if OFFSETS not in info:
+            raise ValueError(
+                f"{needed_by} needs info['{OFFSETS}'], which this environment does not give; "
+                "leave it out and set encoder_loss to 'critic'"
+            )
+        if len(info[OFFSETS]) != n_views:
+            raise ValueError(
+                f"{needed_by} was made for {n_views} views, and info['{OFFSETS}'] has {len(info[OFFSETS])}; "
+                "give the environment an attribute n_views that says so"
+            )

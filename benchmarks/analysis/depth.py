@@ -27,7 +27,7 @@ from sb3_stereo.commands.flags import Parser, run_command
 from sb3_stereo.config.schema import Config
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.protocol import random_starts, test_starts
-from sb3_stereo.policies.shared_encoder import BorrowedEncoder
+from sb3_stereo.policies.shared_encoder import SharedEncoderView
 from sb3_stereo.runs.directory import load_record, model_path
 from sb3_stereo.runs.models import load_model, untrained_model
 
@@ -83,7 +83,7 @@ def extractor(policy: Any) -> th.nn.Module:
             policy = getattr(policy, owner)
             break
     encoder: th.nn.Module = policy.features_extractor
-    return encoder.lender if isinstance(encoder, BorrowedEncoder) else encoder
+    return encoder.encoder if isinstance(encoder, SharedEncoderView) else encoder
 
 
 def read_positions(features: Floats, positions: Floats) -> Floats:

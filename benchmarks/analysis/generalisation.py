@@ -22,7 +22,6 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.utils import ConstantSchedule
 
 from sb3_stereo.config.schema import load_config
-from sb3_stereo.learning.dynamics import MotionLearner
 from sb3_stereo.learning.replay import StereoReplayBuffer
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.runtime import available_cores
@@ -97,10 +96,9 @@ def fit_rewards(
     buffer = fill_buffer(Transitions(*(column[:n_train] for column in data)), mirror_probability)
     spaces = buffer.observation_space, buffer.action_space
     policy = StereoDDPGPolicy(*spaces, ConstantSchedule(3e-4), **deepcopy(policy_kwargs))  # type: ignore[arg-type]
-    learner = MotionLearner(policy.encoder, policy.motion, 1e-3) if policy.motion else None
     for _ in range(n_updates):
-        if learner:
-            learner.update(buffer.sample_motion(BATCH_SIZE))
+        if policy.dynamics:
+            policy.dynamics.update(policy.encoder, buffer.sample_dynamics(BATCH_SIZE))
         _fit_batch(policy, buffer.sample(BATCH_SIZE))
     return _r2(policy, data, slice(1000)), _r2(policy, data, slice(-N_TEST, None))
 

@@ -1,4 +1,4 @@
-"""A training with `hyperparams/ddpg.yml` after its warm-up, in its parts, for `benchmarks.speed`.
+"""A training with `hyperparams/ddpg.yml` after its pre-training, in its parts, for `benchmarks.speed`.
 
     python -m benchmarks.speed.trainings THREADS
 
@@ -14,32 +14,27 @@ from benchmarks.speed.timing import Candidate, Parts, Worker, medians, peak_memo
 
 N_STEPS = 4  # per time
 N_RANDOM = 150  # transitions before the first action: what a later step takes does not depend on their number
-NO_WARM_UP = {"callback.WarmUp.replay_ratio": 0, "callback.LearnFromMotion.replay_ratio": 0}
+NO_PRETRAINING = {"pretraining": {"dynamics": 0, "agent": 0}}
 
 
-def make_training(n_random: int = N_RANDOM) -> tuple[Any, list[Any]]:
-    """The model, with as many random transitions, and its callbacks."""
-    from sb3_stereo.building.factory import make_callbacks, make_model, make_training_env
+def make_training(n_random: int = N_RANDOM) -> Any:
+    """The model, with as many random transitions."""
+    from sb3_stereo.building.factory import make_model, make_training_env
     from sb3_stereo.config.schema import DEFAULT_ENV, load_config
 
-    config = load_config("ddpg", DEFAULT_ENV, params={"learning_starts": n_random, **NO_WARM_UP})
+    config = load_config("ddpg", DEFAULT_ENV, params={"learning_starts": n_random, **NO_PRETRAINING})
     model = make_model(config, make_training_env(config, seed=0), seed=0, device="cpu")
-    callbacks = make_callbacks(config)
-    return model.learn(n_random, callback=callbacks), callbacks
+    return model.learn(n_random)
 
 
-def training_parts(model: Any, callbacks: list[Any]) -> dict[str, Candidate]:
+def training_parts(model: Any) -> dict[str, Candidate]:
     """The training, with a stopwatch at each part of a step."""
-    from sb3_stereo.learning.dynamics import LearnFromMotion
-
     parts = Parts()
     model.env.step = parts.watch("environment", model.env.step)
     model.predict = parts.watch("choosing the action", model.predict)
-    model.train = parts.watch("gradient steps", model.train)
-    for callback in callbacks:
-        if isinstance(callback, LearnFromMotion):
-            callback.train = parts.watch("motion updates", callback.train)  # type: ignore[method-assign]
-    return parts.candidates(lambda: model.learn(N_STEPS, callback=callbacks, reset_num_timesteps=False))
+    model._train_agent = parts.watch("gradient steps", model._train_agent)
+    model._train_dynamics = parts.watch("dynamics updates", model._train_dynamics)
+    return parts.candidates(lambda: model.learn(N_STEPS, reset_num_timesteps=False))
 
 
 def memory(model: Any) -> Callable[[], float]:
@@ -68,8 +63,8 @@ def main() -> None:
 
     tune_allocator()
     set_threads(int(sys.argv[1]))
-    model, callbacks = make_training()
-    serve({**training_parts(model, callbacks), "memory": memory(model)})
+    model = make_training()
+    serve({**training_parts(model), "memory": memory(model)})
 
 
 if __name__ == "__main__":

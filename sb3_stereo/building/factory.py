@@ -15,7 +15,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from sb3_stereo.building.episodes import ResumableEpisode
-from sb3_stereo.config.components import Component, import_class, parameters, resolve_classes
+from sb3_stereo.config.components import Component, import_class, resolve_classes
 from sb3_stereo.config.schema import SCHEDULES, Config, algorithm, policy_class
 from sb3_stereo.errors import ConfigError
 
@@ -92,11 +92,7 @@ def make_model(
     tensorboard_log: str | None = None,
     verbose: int = 0,
 ) -> "BaseAlgorithm":
-    """Make SB3's own algorithm with the configured policy, noise and arguments.
-
-    `gradient_steps` are per step of one environment: SB3 counts a step of all of them as one, and with n_envs of them
-    would learn n_envs times less from each.
-    """
+    """Make the algorithm with the configured policy, noise and arguments."""
     check_action_space(config, env.action_space)
     algo_class = algorithm(config.algo)
     policy = policy_class(config.algo, config.policy)
@@ -106,9 +102,6 @@ def make_model(
             kwargs[key] = LinearSchedule(float(kwargs[key].removeprefix("lin_")), 0.0, 1.0)
     if config.noise_type:
         kwargs["action_noise"] = make_noise(config, env)
-    gradient_steps = kwargs.get("gradient_steps", 1)
-    if "gradient_steps" in parameters(algo_class) and gradient_steps > 0:  # -1 follows the environment steps by itself
-        kwargs["gradient_steps"] = gradient_steps * env.num_envs
     model: BaseAlgorithm = algo_class(
         policy=policy,
         env=env,

@@ -19,6 +19,8 @@ LIMITS: dict[str, Any] = {
     "buffer_size": COUNT,
     "clip_range": Field(gt=0),
     "clip_range_vf": Field(gt=0),
+    "dynamics_learning_rate": Field(ge=0),
+    "dynamics_steps": Field(ge=0),
     "exploration_final_eps": FRACTION,
     "exploration_fraction": Field(gt=0, le=1),
     "exploration_initial_eps": FRACTION,

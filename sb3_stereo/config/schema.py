@@ -15,6 +15,7 @@ from gymnasium.envs.registration import load_env_creator
 
 from sb3_stereo.config import limits
 from sb3_stereo.config.components import Component, check_kwargs, coerce, import_class, parameters, parse_components
+from sb3_stereo.config.old_settings import renamed_keys, renamed_settings
 from sb3_stereo.config.values import flatten, override_all, read_hyperparams
 from sb3_stereo.config.zoo_literals import parse_map
 from sb3_stereo.errors import ConfigError, setting_up, unknown
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 DEFAULT_ENV = "WamStereoReach-v1"
 
-# Name to package; the class has the name in capitals, but for CrossQ.
+# Name to the package whose algorithm it is; the class has the name in capitals, but for CrossQ.
 ALGORITHMS = {
     "ddpg": "stable_baselines3",
     "dqn": "stable_baselines3",
@@ -103,7 +104,7 @@ class Config:
 
 
 def algorithm(name: str) -> "type[BaseAlgorithm]":
-    """Return the class of that name, of SB3 or sb3-contrib.
+    """Return the class of that name: ours, which without our settings trains as the one that it extends, or SB3's.
 
     Raises:
         ConfigError: If the algorithm is none of ours, or its package is not installed.
@@ -116,7 +117,9 @@ def algorithm(name: str) -> "type[BaseAlgorithm]":
         raise ConfigError(
             f"algorithm '{name}' needs {ALGORITHMS[name]}; install it with: pip install 'sb3_stereo[contrib]'"
         ) from error
-    cls: type[BaseAlgorithm] = getattr(package, "CrossQ" if name == "crossq" else name.upper())
+    class_name = "CrossQ" if name == "crossq" else name.upper()
+    ours = getattr(import_module("sb3_stereo"), f"Stereo{class_name}", None)
+    cls: type[BaseAlgorithm] = ours or getattr(package, class_name)
     return cls
 
 
@@ -153,7 +156,7 @@ def load_config(
     """
     algorithm(algo)
     check_env_id(env_id)
-    values = override_all(read_hyperparams(algo, env_id, conf_file), params)
+    values = override_all(renamed_settings(algo, read_hyperparams(algo, env_id, conf_file)), renamed_keys(params))
     if env_kwargs:
         values["env_kwargs"] = {**(values.get("env_kwargs") or {}), **env_kwargs}
     if n_timesteps != -1:
@@ -163,7 +166,7 @@ def load_config(
 
 def overridden(config: Config, params: Mapping[str, Any]) -> Config:
     """Return the configuration with overrides by key, checked."""
-    return parse_config(config.algo, config.env_id, override_all(config.plain(), params))
+    return parse_config(config.algo, config.env_id, override_all(config.plain(), renamed_keys(params)))
 
 
 def check_env_id(env_id: str) -> None:
@@ -181,6 +184,7 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
     from stable_baselines3.common.monitor import Monitor
 
     algo_class = algorithm(algo)
+    values = renamed_settings(algo, values)
     algo_keys = set(parameters(algo_class)) - _NOT_FROM_YAML
     own_keys = {*Config.__dataclass_fields__, "frame_stack"} - {"algo", "env_id", "algo_kwargs"}
     values = {key: value for key, value in values.items() if key not in NOT_SUPPORTED or value}
@@ -278,7 +282,7 @@ def _noise(values: Mapping[str, Any], algo_class: Any) -> dict[str, Any]:
     if "action_noise" not in parameters(algo_class):
         raise ConfigError(
             f"noise_type '{noise_type}' needs an off-policy algorithm with continuous actions; "
-            f"remove it for {algo_class.__name__}"
+            f"remove it for {_sb3_name(algo_class)}"
         )
     if noise_type not in NOISE_TYPES:
         raise unknown("noise_type", noise_type, NOISE_TYPES)
@@ -294,9 +298,14 @@ def _algo_kwargs(algo_class: Any, kwargs: dict[str, Any]) -> dict[str, Any]:
         value = kwargs.get(key)
         if isinstance(value, str):
             limits.check(key, _linear(value, key), key)
-    if "replay_buffer_kwargs" in kwargs:
-        kwargs["replay_buffer_kwargs"] = _as_map(kwargs, "replay_buffer_kwargs")
-    return check_kwargs(algo_class, kwargs, algo_class.__name__)
+    for key in ("replay_buffer_kwargs", "pretraining", "exploration"):
+        if kwargs.get(key) is not None:
+            kwargs[key] = _as_map(kwargs, key)
+    return check_kwargs(algo_class, kwargs, _sb3_name(algo_class))
+
+
+def _sb3_name(algo_class: Any) -> str:
+    return str(algo_class.__name__.removeprefix("Stereo"))
 
 
 def _linear(value: str, key: str) -> float:

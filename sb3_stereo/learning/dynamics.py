@@ -1,132 +1,99 @@
-"""Learning to see: the encoder learns from what moved, and not from rewards."""
+"""What an algorithm needs for an encoder that learns from dynamics."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import torch as th
-from stable_baselines3 import DQN
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-
+from sb3_stereo.learning.off_policy import OffPolicyMixin
 from sb3_stereo.learning.replay import StereoReplayBuffer
-from sb3_stereo.learning.warmup import can_learn
-from sb3_stereo.policies.dynamics import Motion, MotionHeads
-from sb3_stereo.policies.layers import scale_images
-from sb3_stereo.task_interface import OFFSETS, asked, check_views
+from sb3_stereo.policies.ddpg import StereoDDPGPolicy
+from sb3_stereo.policies.dqn import StereoDQNPolicy
+from sb3_stereo.task_interface import agreed_n_views, check_offsets, task_of
 
 
-class MotionLearner:
-    """Trains an encoder, and heads on it, with Adam.
-
-    Args:
-        encoder: Of images.
-        heads: The questions.
-        learning_rate: Adam's, for both.
-    """
-
-    def __init__(self, encoder: BaseFeaturesExtractor, heads: MotionHeads, learning_rate: float) -> None:
-        self.encoder, self.heads = encoder, heads
-        self.optimizer = th.optim.Adam([*encoder.parameters(), *heads.parameters()], learning_rate, fused=True)
-
-    def update(self, motion: Motion) -> float:
-        """Take one gradient step and return the loss."""
-        images = th.cat([motion.observations, motion.next_observations])
-        self.encoder.train()
-        features, next_features = self.encoder(scale_images(images, self.encoder._observation_space)).chunk(2)
-        self.encoder.eval()
-        loss = self.heads.loss(features, next_features, motion)
-        self.optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        self.optimizer.step()
-        return loss.item()
-
-
-class LearnFromMotion(BaseCallback):
-    """Train the encoder on `MotionHeads` between the environment step and SB3's gradient steps.
-
-    For `StereoDDPGPolicy` with `encoder_loss="motion"`, where nothing else trains the encoder, and for DQN, where it
-    joins the Q-network's loss. The targets are the actions and `info["pixel_offsets"]`, the same centroids that the
-    reward is made from; the agent acts on images alone.
+class DynamicsMixin(OffPolicyMixin):
+    """For algorithms whose policy may have `DynamicsHeads`.
 
     Args:
-        gradient_steps: Updates after every environment step.
-        replay_ratio: Updates per random transition before the first action, as in `WarmUp`, which comes after.
-        learning_rate: Adam's.
-        batch_size: Transitions per update.
-        verbose: As in SB3.
+        args: Of the algorithm.
+        dynamics_steps: Updates of the encoder at each training, as `gradient_steps` counts those of the agent.
+        pretraining: As in `OffPolicyMixin`; "dynamics" is the number of updates of the encoder, which come first.
+        kwargs: Of the algorithm and of `OffPolicyMixin`.
+
+    Raises:
+        ValueError: If these settings and the policy's `encoder_loss` contradict each other.
     """
 
-    def __init__(
-        self,
-        gradient_steps: int = 2,
-        replay_ratio: float = 3.0,
-        learning_rate: float = 1e-3,
-        batch_size: int = 100,
-        verbose: int = 0,
-    ) -> None:
-        super().__init__(verbose)
-        self.gradient_steps, self.replay_ratio = gradient_steps, replay_ratio
-        self.learning_rate, self.batch_size = learning_rate, batch_size
-        self.n_updates = 0
+    PRETRAINING = ("dynamics", "agent")
+    policy: Any  # with `dynamics` and `encoder`
+    replay_buffer: Any  # a `StereoReplayBuffer` where there are heads
 
-    def _on_training_start(self) -> None:
-        model: Any = self.model
-        if not isinstance(model, DQN) and getattr(model.policy, "motion", None) is None:
+    def __init__(self, *args: Any, dynamics_steps: int = 0, **kwargs: Any) -> None:
+        if dynamics_steps < 0:
+            raise ValueError(f"dynamics_steps must not be negative, got {dynamics_steps}")
+        self.dynamics_steps = dynamics_steps
+        super().__init__(*args, **kwargs)
+
+    def _setup_model(self) -> None:
+        is_ours = issubclass(self.policy_class, StereoDDPGPolicy | StereoDQNPolicy)
+        loss = self.policy_kwargs.get("encoder_loss", "critic") if is_ours else "critic"
+        if loss != "critic":
+            self._tell_policy()
+        super()._setup_model()
+        self._check_dynamics(loss)
+
+    def _tell_policy(self) -> None:
+        """Ask the environment for what the heads must know."""
+        agreed_n_views(self.env, self.policy_kwargs, "policy_kwargs")
+        task = task_of(self.env)
+        self.policy_kwargs.setdefault("n_views", task.n_views)
+        if issubclass(self.policy_class, StereoDQNPolicy):
+            self.policy_kwargs.setdefault("n_joints", task.n_joints)
+
+    def _check_dynamics(self, loss: str) -> None:
+        trained = self.dynamics_steps + self._n_pretraining("dynamics") > 0
+        heads = getattr(self.policy, "dynamics", None)
+        if heads is not None and not trained and self.num_timesteps == 0:
             raise ValueError(
-                "LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss 'motion'; set it, or leave it out"
+                f"encoder_loss is '{loss}', and nothing trains the encoder; "
+                "set dynamics_steps, as in dynamics_steps: 2, or encoder_loss to 'critic'"
             )
-        infos = self.training_env.unwrapped.reset_infos  # a wrapper's own are empty
-        if not all(OFFSETS in info for info in infos):
+        if heads is None and trained:
             raise ValueError(
-                f"LearnFromMotion needs info['{OFFSETS}'], which this environment does not give; "
-                "leave it out and set encoder_loss to 'critic'"
+                "dynamics_steps and pretraining.dynamics train an encoder by its auxiliary losses, and "
+                f"{self.policy_class.__name__} has none here; set encoder_loss ('dynamics', for DQN 'critic+dynamics') "
+                "in policy_kwargs, or leave them out"
             )
-        if not isinstance(model.replay_buffer, StereoReplayBuffer):
-            n_joints = asked(self.training_env, "n_joints")
-            model.replay_buffer = StereoReplayBuffer.of(
-                model,
-                n_views=len(infos[0][OFFSETS]),
-                views_in_channels=asked(self.training_env, "views_in_channels"),
-                n_joints=n_joints,
+        if heads is not None and not isinstance(self.replay_buffer, StereoReplayBuffer):
+            raise ValueError(
+                f"encoder_loss '{loss}' needs the offsets that a StereoReplayBuffer stores, and replay_buffer_class is "
+                f"{type(self.replay_buffer).__name__}; leave replay_buffer_class out"
             )
-        if not isinstance(model, DQN):
-            heads = model.policy.motion
-            check_views(self.training_env, heads.n_views, "the policy has n_views", "policy_kwargs.n_views")
-        if self.n_updates == 0:
-            self._set_up(model.policy, model.replay_buffer)
 
-    def _set_up(self, policy: Any, buffer: StereoReplayBuffer) -> None:
-        heads = getattr(policy, "motion", None)
-        encoder = policy.q_net.features_extractor if heads is None else policy.encoder
-        if heads is None:
-            heads = MotionHeads(encoder.features_dim, buffer.n_joints, buffer.n_views).to(policy.device)
-        self.learner = MotionLearner(encoder, heads, self.learning_rate)
+    def _needs_stereo_replay(self) -> bool:
+        return self.policy_kwargs.get("encoder_loss", "critic") != "critic" or super()._needs_stereo_replay()
 
-    def _on_step(self) -> bool:
-        model = self.model
-        assert isinstance(model, OffPolicyAlgorithm)
-        if can_learn(model):
-            if self.n_updates == 0:
-                self.train(round(self.replay_ratio * model.learning_starts))
-            self.train(self.gradient_steps * self.training_env.num_envs)
-        return True
+    def _setup_learn(self, total_timesteps: int, *args: Any, **kwargs: Any) -> Any:
+        prepared = super()._setup_learn(total_timesteps, *args, **kwargs)
+        if self.policy.dynamics is not None:
+            assert self.env is not None
+            check_offsets(self.env, self.policy.dynamics.n_views, f"encoder_loss '{self.policy.encoder_loss}'")
+        return prepared
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return what the policy does not hold."""
-        heads, optimizer = self.learner.heads.state_dict(), self.learner.optimizer.state_dict()
-        return {"n_updates": self.n_updates, "heads": heads, "optimizer": optimizer}
+    def _pretrain(self) -> None:
+        heads = getattr(self.policy, "dynamics", None)
+        if heads is not None and heads.n_updates == 0:
+            self._train_dynamics(self._n_pretraining("dynamics"), self.batch_size)
+        super()._pretrain()
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from a `state_dict`, once the training has been set up."""
-        self.n_updates = state["n_updates"]
-        self.learner.heads.load_state_dict(state["heads"])
-        self.learner.optimizer.load_state_dict(state["optimizer"])
+    def _train_dynamics(self, n_updates: int, batch_size: int) -> None:
+        """Train the encoder and the heads."""
+        for _ in range(n_updates):
+            samples = self.replay_buffer.sample_dynamics(batch_size)
+            loss = self.policy.dynamics.update(self.policy.encoder, samples)
+            self.logger.record("train/dynamics_loss", loss)
 
-    def train(self, gradient_steps: int) -> None:
-        """Take gradient steps on the encoder and the heads."""
-        buffer = self.model.replay_buffer  # type: ignore[attr-defined]
-        for _ in range(gradient_steps):
-            self.logger.record("train/motion_loss", self.learner.update(buffer.sample_motion(self.batch_size)))
-        self.n_updates += gradient_steps
+    def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
+        state_dicts, variables = super()._get_torch_save_params()
+        has_heads = getattr(self.policy, "dynamics", None) is not None
+        return [*state_dicts, *(["policy.dynamics.optimizer"] if has_heads else [])], variables

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise, OrnsteinUhlenbeckActionNoise, VectorizedActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 
@@ -98,79 +99,89 @@ class AnnealedOrnsteinUhlenbeckNoise(OrnsteinUhlenbeckActionNoise):
         return f"AnnealedOrnsteinUhlenbeckNoise(mu={self._mu}, sigma={self._sigma}, epsilon={self.epsilon})"
 
 
-class AnnealExploration(BaseCallback):
-    """Let epsilon fall linearly over a number of environment steps, whatever the length of the training.
+@dataclass(frozen=True)
+class Annealing:
+    """Epsilon falls linearly over a number of environment steps, whatever the length of the training.
 
-    For DQN epsilon is its exploration rate. For DDPG and TD3 it scales the noise: the model's Ornstein-Uhlenbeck
-    noise gives way to an annealed one with the same mean and sigma, made anew for the number of environments at hand
-    (a model loaded with another number of environments would fail otherwise). Training that goes on with
-    `reset_num_timesteps=False` goes on with epsilon where it was. Logs `rollout/epsilon`.
-
-    Args:
+    Attributes:
         n_steps: Steps, over all environments, in which epsilon falls.
         initial_epsilon: At the first step.
         final_epsilon: After `n_steps`.
         theta: Rate of mean reversion of the noise, per step; no meaning for DQN.
-        verbose: As in SB3.
     """
 
-    def __init__(
-        self,
-        n_steps: int = 10_000,
-        initial_epsilon: float = 1.0,
-        final_epsilon: float = 0.1,
-        theta: float = 0.15,
-        verbose: int = 0,
-    ) -> None:
-        super().__init__(verbose)
-        self.n_steps, self.theta = n_steps, theta
-        self.initial_epsilon, self.final_epsilon = initial_epsilon, final_epsilon
-        self.schedule = _epsilon_schedule(initial_epsilon, final_epsilon, n_steps)
+    n_steps: int = 10_000
+    initial_epsilon: float = 1.0
+    final_epsilon: float = 0.1
+    theta: float = 0.15
 
-    @property
-    def epsilon(self) -> float:
-        """Epsilon at the model's present step."""
-        return self.schedule(1.0 - self.model.num_timesteps)
+    @classmethod
+    def of(cls, settings: Mapping[str, Any]) -> Annealing:
+        """Check settings that were written as a map.
 
-    def _on_training_start(self) -> None:
-        model: Any = self.model
-        if hasattr(model, "exploration_schedule"):
-            self._anneal_rate(model)
-        else:
-            model.action_noise = self._annealed_noise(getattr(model, "action_noise", None))
+        Raises:
+            ValueError: If one is unknown or no number.
+        """
+        known = [field.name for field in fields(cls)]
+        for name, value in settings.items():
+            if name not in known:
+                raise ValueError(f"unknown exploration {name!r}; choices are {', '.join(known)}")
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"exploration: {name} must be a number, got {value!r}")
+        annealing = cls(**settings)
+        _epsilon_schedule(annealing.initial_epsilon, annealing.final_epsilon, annealing.n_steps)
+        return annealing
 
-    def _on_step(self) -> bool:
-        self.logger.record("rollout/epsilon", self.epsilon)
-        return True
+    def epsilon(self, n_steps: int) -> float:
+        """Epsilon after a number of environment steps."""
+        return _epsilon_schedule(self.initial_epsilon, self.final_epsilon, self.n_steps)(1.0 - n_steps)
 
-    def _anneal_rate(self, model: Any) -> None:
-        # DQN asks its schedule with the part of all steps still to do; the fraction turns that into our steps.
-        model.exploration_initial_eps = self.initial_epsilon
-        model.exploration_final_eps = self.final_epsilon
-        model.exploration_fraction = self.n_steps / model._total_timesteps
-        model.exploration_schedule = LinearSchedule(
-            self.initial_epsilon, self.final_epsilon, model.exploration_fraction
+
+def anneal(model: Any, annealing: Annealing) -> None:
+    """Let a model that is about to learn explore by epsilon.
+
+    DQN's exploration rate becomes epsilon. The Ornstein-Uhlenbeck noise of others gives way to an annealed one with
+    the same mean and sigma, made anew for the number of environments at hand (a model loaded with another number
+    of environments would fail otherwise). Training that goes on goes on with epsilon where it was.
+
+    Raises:
+        ValueError: If the model has neither.
+    """
+    if hasattr(model, "exploration_schedule"):
+        _anneal_rate(model, annealing)
+    else:
+        model.action_noise = _annealed_noise(model, annealing)
+
+
+def _anneal_rate(model: Any, annealing: Annealing) -> None:
+    # DQN asks its schedule with the part of all steps still to do; the fraction turns that into our steps.
+    model.exploration_initial_eps = annealing.initial_epsilon
+    model.exploration_final_eps = annealing.final_epsilon
+    model.exploration_fraction = annealing.n_steps / model._total_timesteps
+    model.exploration_schedule = LinearSchedule(
+        annealing.initial_epsilon, annealing.final_epsilon, model.exploration_fraction
+    )
+    model.exploration_rate = annealing.epsilon(model.num_timesteps)
+
+
+def _annealed_noise(model: Any, annealing: Annealing) -> ActionNoise:
+    noise = getattr(model, "action_noise", None)
+    base = noise.base_noise if isinstance(noise, VectorizedActionNoise) else noise
+    if not isinstance(base, OrnsteinUhlenbeckActionNoise):
+        raise ValueError(
+            "annealed exploration needs DQN or Ornstein-Uhlenbeck action noise "
+            f"(noise_type: ornstein-uhlenbeck, noise_std: 0.5), got {type(model).__name__} with {base}"
         )
-        model.exploration_rate = self.epsilon
-
-    def _annealed_noise(self, noise: ActionNoise | None) -> ActionNoise:
-        base = noise.base_noise if isinstance(noise, VectorizedActionNoise) else noise
-        if not isinstance(base, OrnsteinUhlenbeckActionNoise):
-            raise ValueError(
-                "AnnealExploration needs DQN or Ornstein-Uhlenbeck action noise "
-                f"(noise_type: ornstein-uhlenbeck, noise_std: 0.5), got {type(self.model).__name__} with {base}"
-            )
-        annealed = AnnealedOrnsteinUhlenbeckNoise(
-            base._mu,
-            base._sigma,
-            self.theta,
-            initial_epsilon=self.initial_epsilon,
-            final_epsilon=self.final_epsilon,
-            n_steps=self.n_steps,
-        )
-        annealed.step_count = self.model.num_timesteps
-        n_envs = self.training_env.num_envs
-        return VectorizedActionNoise(annealed, n_envs) if n_envs > 1 else annealed
+    annealed = AnnealedOrnsteinUhlenbeckNoise(
+        base._mu,
+        base._sigma,
+        annealing.theta,
+        initial_epsilon=annealing.initial_epsilon,
+        final_epsilon=annealing.final_epsilon,
+        n_steps=annealing.n_steps,
+    )
+    annealed.step_count = model.num_timesteps
+    return VectorizedActionNoise(annealed, model.n_envs) if model.n_envs > 1 else annealed
 
 
 def _epsilon_schedule(initial: float, final: float, n_steps: int) -> LinearSchedule:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import torch as th
@@ -16,9 +15,8 @@ from stable_baselines3.common.type_aliases import PyTorchObs
 from stable_baselines3.td3.policies import Actor
 from torch import nn
 
-from sb3_stereo.policies.dynamics import MotionHeads
+from sb3_stereo.policies.dynamics import DynamicsHeads
 from sb3_stereo.policies.layers import hidden_norm_layers, initialise, scale_images
-from sb3_stereo.policies.shared_encoder import BorrowedEncoder, FeatureMemo
 
 
 def _uniform(layer: nn.Module, bound: float) -> None:
@@ -44,7 +42,6 @@ class StereoActor(Actor):
     def __init__(self, *args: Any, hidden_norm: str = "batch", final_init: float = 3e-4, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.hidden_norm, self.final_init = hidden_norm, final_init
-        self.memo: FeatureMemo | None = None
         layers = create_mlp(
             self.features_dim,
             get_action_dim(self.action_space),
@@ -58,13 +55,9 @@ class StereoActor(Actor):
         _uniform(self.mu[-2], final_init)
 
     def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor) -> th.Tensor:
-        """Return features (batch, features_dim), remembered and detached if the encoder is the critic's."""
+        """Return features (batch, features_dim), detached if the encoder is a `SharedEncoderView`."""
         assert isinstance(obs, th.Tensor)
-        compute = partial(_features, self, obs, features_extractor)
-        if self.memo is None:
-            return compute()
-        with th.no_grad():
-            return self.memo(obs, compute)
+        return _features(self, obs, features_extractor)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         data = super()._get_constructor_parameters()
@@ -106,11 +99,7 @@ class QHead(nn.Module):
 
     def forward(self, features: th.Tensor, joining: th.Tensor) -> th.Tensor:
         """Map features (batch, features_dim) and what joins them (batch, joining_dim) to values (batch, 1)."""
-        return self.join(self.before(features), joining)
-
-    def join(self, hidden: th.Tensor, joining: th.Tensor) -> th.Tensor:
-        """`forward` with the first hidden layer (batch, net_arch[0]) at hand."""
-        values: th.Tensor = self.after(th.cat([hidden, joining], dim=1))
+        values: th.Tensor = self.after(th.cat([self.before(features), joining], dim=1))
         return values
 
 
@@ -132,7 +121,7 @@ class StereoCritic(ContinuousCritic):
         share_features_extractor: As in SB3, always False here.
         hidden_norm: Of the layer before the action joins: "batch", "layer" or "none".
         final_init: The output layers start in U(+-final_init).
-        motion: Where an action leads, for the heads to know.
+        dynamics: Its forward model's predictions join the action. It is trained elsewhere.
     """
 
     def __init__(
@@ -148,7 +137,7 @@ class StereoCritic(ContinuousCritic):
         share_features_extractor: bool = False,
         hidden_norm: str = "batch",
         final_init: float = 3e-4,
-        motion: MotionHeads | None = None,
+        dynamics: DynamicsHeads | None = None,
     ) -> None:
         if not net_arch:
             raise ValueError("the critic needs at least one hidden layer in net_arch: the action joins after the first")
@@ -164,44 +153,44 @@ class StereoCritic(ContinuousCritic):
             share_features_extractor=share_features_extractor,
         )
         self.n_critics = n_critics
-        self.memo: FeatureMemo | None = None
-        self._motion = (motion,)  # the tuple hides it from torch's registry: another loss trains it
-        joining_dim = get_action_dim(action_space) + (motion.foresight_dim if motion else 0)
+        self._unregistered = (dynamics,)  # as in `SharedEncoderView`
+        joining_dim = get_action_dim(action_space) + (dynamics.prediction_dim if dynamics else 0)
         for index in range(n_critics):
             head = QHead(features_dim, joining_dim, net_arch, activation_fn, hidden_norm, final_init)
             self.add_module(f"qf{index}", head)
             self.q_networks.append(head)
 
     def extract_features(self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor) -> th.Tensor:
-        """Return features (batch, features_dim), remembered where no gradient is wanted and the actor shares them."""
+        """Return features (batch, features_dim), detached if the encoder is a `SharedEncoderView`."""
         assert isinstance(obs, th.Tensor)
-        compute = partial(_features, self, obs, features_extractor)
-        if self.memo is None:
-            return compute()
-        borrowed = isinstance(features_extractor, BorrowedEncoder)
-        with th.set_grad_enabled(th.is_grad_enabled() and not borrowed):
-            return self.memo(obs, compute)
-
-    def _joining(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
-        """What joins the features in every head: the actions, and where they lead if that is known."""
-        (motion,) = self._motion
-        if motion is None:
-            return actions
-        with frozen(motion.prediction):
-            return th.cat([actions, motion.foresee(features, actions)], dim=1)
+        return _features(self, obs, features_extractor)
 
     def forward(self, obs: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
         """Return one tensor of values (batch, 1) per head."""
-        features = self.extract_features(obs, self.features_extractor)
-        joining = self._joining(features, actions)
-        return tuple(head(features, joining) for head in self.q_networks)
+        return self.q_values(self.extract_features(obs, self.features_extractor), actions)
 
     def q1_forward(self, obs: th.Tensor, actions: th.Tensor) -> th.Tensor:
         """Return the first head's values (batch, 1), with gradient to the actions and nothing else."""
-        head = self.q_networks[0]
-        assert isinstance(head, QHead)
         with th.no_grad():
             features = self.extract_features(obs, self.features_extractor)
-            hidden = head.before(features)
-        with frozen(head.after):
-            return head.join(hidden, self._joining(features, actions))
+        return self.q1_values(features, actions)
+
+    def q_values(self, features: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
+        """`forward` from features (batch, features_dim): what the critic's loss trains."""
+        joining = self._joining(features, actions)
+        return tuple(head(features, joining) for head in self.q_networks)
+
+    def q1_values(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """`q1_forward` from features (batch, features_dim): what the actor's loss trains by."""
+        head = self.q_networks[0]
+        with frozen(head):
+            values: th.Tensor = head(features.detach(), self._joining(features.detach(), actions))
+        return values
+
+    def _joining(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """What joins the features in every head: the actions, and the predicted offsets after them."""
+        (dynamics,) = self._unregistered
+        if dynamics is None:
+            return actions
+        with frozen(dynamics.forward_model):
+            return th.cat([actions, dynamics.predict_offsets(features, actions)], dim=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch as th
@@ -13,13 +14,14 @@ from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
 from sb3_stereo.policies.actor_critic import StereoActor, StereoCritic
-from sb3_stereo.policies.dynamics import MotionHeads
+from sb3_stereo.policies.dynamics import DynamicsHeads
 from sb3_stereo.policies.extractors import StereoCnn, refuse_maps
 from sb3_stereo.policies.layers import check_choice
+from sb3_stereo.policies.old_names import rename_keys, renamed_choice
 from sb3_stereo.policies.optim import ScaledAdam
-from sb3_stereo.policies.shared_encoder import BorrowedEncoder, FeatureMemo
+from sb3_stereo.policies.shared_encoder import SharedEncoderView
 
-ENCODER_LOSSES = ("critic", "motion")
+ENCODER_LOSSES = ("critic", "dynamics")
 
 
 class StereoDDPGPolicy(TD3Policy):
@@ -44,9 +46,11 @@ class StereoDDPGPolicy(TD3Policy):
         share_features_extractor: Must be False; see `shared_encoder`.
         shared_encoder: One encoder, trained by the critic's loss; the actor sees it detached (as in DrQ-v2). False
             gives the actor its own, trained by the actor's loss.
-        encoder_loss: Of the shared encoder: "critic", or "motion", where `LearnFromMotion` trains it and nothing else;
-            the critic then also sees where an action leads.
-        n_views: Views in the image, for "motion".
+        encoder_loss: What trains the shared encoder: "critic", or "dynamics", the loss of `DynamicsHeads` and nothing
+            else, for which `StereoDDPG` or `StereoTD3` must be the algorithm; the critic is then conditioned on the
+            forward model's prediction too.
+        n_views: Views in the image, for "dynamics"; `StereoDDPG` asks the environment.
+        dynamics_learning_rate: Of the encoder and the heads, for "dynamics".
         actor_hidden_norm: Follows the actor's hidden layers (and its own convolutions if "batch"): "batch", "layer"
             or "none".
         critic_hidden_norm: The same for the critic and its encoder, up to where the action joins.
@@ -76,6 +80,7 @@ class StereoDDPGPolicy(TD3Policy):
         shared_encoder: bool = False,
         encoder_loss: str = "critic",
         n_views: int = 2,
+        dynamics_learning_rate: float = 1e-3,
         actor_hidden_norm: str = "batch",
         critic_hidden_norm: str = "batch",
         qf_learning_rate: float | None = None,
@@ -93,10 +98,12 @@ class StereoDDPGPolicy(TD3Policy):
                 "use actor_hidden_norm and critic_hidden_norm"
             )
         refuse_maps(self, observation_space)
+        encoder_loss = renamed_choice("encoder_loss", encoder_loss)
         check_choice("encoder_loss", encoder_loss, ENCODER_LOSSES)
-        if encoder_loss == "motion" and not shared_encoder:
-            raise ValueError("encoder_loss 'motion' needs shared_encoder=True")
+        if encoder_loss == "dynamics" and not shared_encoder:
+            raise ValueError("encoder_loss 'dynamics' needs shared_encoder=True")
         self.shared_encoder, self.encoder_loss, self.n_views = shared_encoder, encoder_loss, n_views
+        self.dynamics_learning_rate = dynamics_learning_rate
         self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
         self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
         self.final_init = final_init
@@ -116,12 +123,11 @@ class StereoDDPGPolicy(TD3Policy):
         )
 
     def _build(self, lr_schedule: Schedule) -> None:
-        self.motion: MotionHeads | None = None
-        if self.encoder_loss == "motion":
+        self.dynamics: DynamicsHeads | None = None
+        if self.encoder_loss == "dynamics":
             self.encoder = self._make_encoder(self.critic_hidden_norm).eval().to(self.device)
-            self.motion = MotionHeads(self.encoder.features_dim, get_action_dim(self.action_space), self.n_views)
-            self.motion.to(self.device)
-            self._memo = FeatureMemo(self.encoder)
+            self.dynamics = DynamicsHeads(self.encoder.features_dim, get_action_dim(self.action_space), self.n_views)
+            self.dynamics.to(self.device).add_optimizer(self.encoder, self.dynamics_learning_rate)
         self.actor, self.critic = self._make_pair()
         self.actor_target, self.critic_target = self._make_pair()
         self.actor_target.load_state_dict(self.actor.state_dict())
@@ -131,17 +137,28 @@ class StereoDDPGPolicy(TD3Policy):
         self._make_optimizers(lr_schedule(1))
 
     def _make_pair(self) -> tuple[StereoActor, StereoCritic]:
-        if self.encoder_loss == "motion":
-            actor = self.make_actor(BorrowedEncoder(self.encoder))
-            critic = self.make_critic(BorrowedEncoder(self.encoder))
-            actor.memo = critic.memo = self._memo
-            return actor, critic
+        if self.encoder_loss == "dynamics":
+            return self.make_actor(SharedEncoderView(self.encoder)), self.make_critic(SharedEncoderView(self.encoder))
         critic = self.make_critic()
-        if not self.shared_encoder:
-            return self.make_actor(), critic
-        actor = self.make_actor(BorrowedEncoder(critic.features_extractor))
-        actor.memo = critic.memo = FeatureMemo(critic.features_extractor)
-        return actor, critic
+        shared = SharedEncoderView(critic.features_extractor) if self.shared_encoder else None
+        return self.make_actor(shared), critic
+
+    def set_training_mode(self, mode: bool) -> None:
+        """As in SB3, whose algorithms call it before every update.
+
+        Raises:
+            ValueError: If the encoder should learn from dynamics, and nothing has trained it yet.
+        """
+        if mode and self.dynamics is not None and self.dynamics.n_updates == 0:
+            raise ValueError(
+                "encoder_loss is 'dynamics', and nothing has trained the encoder; "
+                "take StereoDDPG or StereoTD3 with dynamics_steps, or set encoder_loss to 'critic'"
+            )
+        super().set_training_mode(mode)
+
+    def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **kwargs: Any) -> Any:
+        """As in torch; also of a policy that was saved under the names before version 0.1.0."""
+        return super().load_state_dict(rename_keys(state_dict), *args, **kwargs)
 
     def _make_optimizers(self, learning_rate: float) -> None:
         optimizer: Any = self.optimizer_class
@@ -164,7 +181,7 @@ class StereoDDPGPolicy(TD3Policy):
         encoder = features_extractor or self._make_encoder(self.critic_hidden_norm)
         kwargs = self._update_features_extractor(self.critic_kwargs, encoder)
         return StereoCritic(
-            **kwargs, hidden_norm=self.critic_hidden_norm, final_init=self.final_init, motion=self.motion
+            **kwargs, hidden_norm=self.critic_hidden_norm, final_init=self.final_init, dynamics=self.dynamics
         ).to(self.device)
 
     def _make_encoder(self, hidden_norm: str) -> BaseFeaturesExtractor:
@@ -177,6 +194,7 @@ class StereoDDPGPolicy(TD3Policy):
             "shared_encoder": self.shared_encoder,
             "encoder_loss": self.encoder_loss,
             "n_views": self.n_views,
+            "dynamics_learning_rate": self.dynamics_learning_rate,
             "actor_hidden_norm": self.actor_hidden_norm,
             "critic_hidden_norm": self.critic_hidden_norm,
             "qf_learning_rate": self.qf_learning_rate,

@@ -1,28 +1,31 @@
-"""Heads on the encoder that are trained on what moved."""
+"""Auxiliary heads on the encoder: where the end effector is, forward dynamics and inverse dynamics."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import torch as th
-from stable_baselines3.common.torch_layers import create_mlp
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from torch import nn
 
+from sb3_stereo.policies.layers import scale_images
 
-class Motion(NamedTuple):
-    """Transitions as something that moves."""
+
+class DynamicsSamples(NamedTuple):
+    """Transitions without their rewards."""
 
     observations: th.Tensor  # (batch, channels, height, width), uint8
-    efforts: th.Tensor  # (batch, n_joints), in [-1, 1]
+    actions: th.Tensor  # (batch, n_joints), in [-1, 1]
     next_observations: th.Tensor  # like observations
-    next_offsets: th.Tensor  # (batch, n_views, 2) in [px], nan where a marker was hidden
+    next_offsets: th.Tensor  # (batch, n_views, 2) in [px], nan where a marker was occluded
 
 
-class MotionHeads(nn.Module):
-    """Three questions about a transition that can only be answered by who sees the arm's pose.
+class DynamicsHeads(nn.Module):
+    """Three regressions from the features that can only succeed if these hold the arm's pose.
 
-    Where is the end effector? Where will these efforts take it? Which efforts took it from here to there? The
-    answers are 2 numbers per view and 1 per joint and transition, while a reward is a single one, and a noisy one.
+    `position` reads the marker's offsets from the target, `forward_model` predicts them after an action, and
+    `inverse_model` the action between two observations. That is 2 targets per view, twice, and 1 per joint for each
+    transition, while a reward is a single one, and a noisy one.
 
     Args:
         features_dim: Size of the encoder's output.
@@ -30,8 +33,11 @@ class MotionHeads(nn.Module):
         n_views: Views in the image.
         hidden: Size of each head's hidden layer.
         offset_scale: Pixels that count as 1.
-        inverse_coef: Weight of the third question.
+        inverse_coef: Weight of the inverse model's loss.
     """
+
+    n_updates: th.Tensor
+    optimizer: th.optim.Optimizer
 
     def __init__(
         self,
@@ -44,28 +50,49 @@ class MotionHeads(nn.Module):
     ) -> None:
         super().__init__()
         self.n_views, self.offset_scale, self.inverse_coef = n_views, offset_scale, inverse_coef
-        self.foresight_dim = 3 * n_views
+        self.prediction_dim = 3 * n_views
         self.position = nn.Sequential(*create_mlp(features_dim, 2 * n_views, [hidden]))
-        self.prediction = nn.Sequential(*create_mlp(features_dim + n_joints, 2 * n_views, [hidden]))
-        self.inverse = nn.Sequential(*create_mlp(2 * features_dim, n_joints, [hidden]))
+        self.forward_model = nn.Sequential(*create_mlp(features_dim + n_joints, 2 * n_views, [hidden]))
+        self.inverse_model = nn.Sequential(*create_mlp(2 * features_dim, n_joints, [hidden]))
+        self.register_buffer("n_updates", th.tensor(0))  # saved: pre-training happens once in a model's life
 
-    def foresee(self, features: th.Tensor, efforts: th.Tensor) -> th.Tensor:
-        """Where efforts (batch, n_joints) take the end effector: offsets and distances, (batch, foresight_dim)."""
-        offsets = self.prediction(th.cat([features, efforts], dim=1))
+    def predict_offsets(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """Offsets after the actions (batch, n_joints), and their lengths: (batch, prediction_dim)."""
+        offsets = self.forward_model(th.cat([features, actions], dim=1))
         return th.cat([offsets, offsets.unflatten(1, (-1, 2)).norm(dim=2)], dim=1)
 
-    def loss(self, features: th.Tensor, next_features: th.Tensor, motion: Motion) -> th.Tensor:
-        """Sum of the three mean squared errors; a hidden marker asks nothing.
+    def loss(self, features: th.Tensor, next_features: th.Tensor, samples: DynamicsSamples) -> th.Tensor:
+        """Sum of the three mean squared errors; occluded markers are masked.
 
         Args:
             features: Of the observations, (batch, features_dim).
             next_features: Of the next observations, likewise.
-            motion: The transitions.
+            samples: The transitions.
         """
-        offsets = motion.next_offsets.flatten(1) / self.offset_scale
+        offsets = samples.next_offsets.flatten(1) / self.offset_scale
         seen = ~offsets.isnan()
-        positions = self.position(next_features), self.prediction(th.cat([features, motion.efforts], dim=1))
-        errors = [((answer - offsets.nan_to_num()) * seen).square().mean() for answer in positions]
-        efforts = self.inverse(th.cat([features, next_features], dim=1))
-        loss: th.Tensor = sum(errors) + self.inverse_coef * nn.functional.mse_loss(efforts, motion.efforts)
+        predictions = self.position(next_features), self.forward_model(th.cat([features, samples.actions], dim=1))
+        errors = [((predicted - offsets.nan_to_num()) * seen).square().mean() for predicted in predictions]
+        actions = self.inverse_model(th.cat([features, next_features], dim=1))
+        loss: th.Tensor = sum(errors) + self.inverse_coef * nn.functional.mse_loss(actions, samples.actions)
         return loss
+
+    def add_optimizer(self, encoder: BaseFeaturesExtractor, learning_rate: float) -> None:
+        """Give the heads their Adam, which trains the encoder too."""
+        parameters = [*encoder.parameters(), *self.parameters()]
+        self.optimizer = th.optim.Adam(parameters, learning_rate, fused=True)
+
+    def update(self, encoder: BaseFeaturesExtractor, samples: DynamicsSamples) -> float:
+        """Take one gradient step on the encoder and the heads, and return the loss."""
+        images = th.cat([samples.observations, samples.next_observations])
+        was_training = encoder.training
+        encoder.train()
+        features, next_features = encoder(scale_images(images, encoder._observation_space)).chunk(2)
+        encoder.train(was_training)
+        loss = self.loss(features, next_features, samples)
+        self.optimizer.zero_grad()  # of DQN's loss, which trains the encoder too
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.optimizer.step()
+        self.optimizer.zero_grad()  # DQN clips by the norm of all gradients of the policy
+        self.n_updates += 1
+        return loss.item()

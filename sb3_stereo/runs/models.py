@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sb3_stereo.building.factory import make_env, make_model
 from sb3_stereo.config.schema import Config, algorithm
 from sb3_stereo.errors import ConfigError, setting_up
+from sb3_stereo.policies.old_names import upgraded
 from sb3_stereo.runs.archives import MIB, load_tensors, open_zip, read_member
 from sb3_stereo.runs.files import partial_path, publish, sha256, write
 from sb3_stereo.runs.memory import networks_of_at_most
@@ -131,7 +132,10 @@ def _load_parts(model: "BaseAlgorithm", archive: zipfile.ZipFile, optimizers: bo
     for name, owner in owners.items():
         if isinstance(owner, Optimizer) and not optimizers:
             continue
-        states[name] = checked_state(_read(archive, f"{name}.pth", 2 * limit), owner)  # Adam keeps 2 numbers a weight
+        state = _read(archive, f"{name}.pth", 2 * limit)  # Adam keeps 2 numbers a weight
+        if name == "policy" and isinstance(state, Mapping):
+            state = upgraded(state, owner.state_dict())
+        states[name] = checked_state(state, owner)
     saved = checked_tensors(_read(archive, "pytorch_variables.pth", MIB), learnt) if learnt else {}
     for name, state in states.items():
         owners[name].load_state_dict(state)

@@ -17,6 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise, VectorizedActionNoise
 
 from sb3_stereo.building.episodes import episodes, replay
+from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs.weights import checked_state, checked_tensors
 
 if TYPE_CHECKING:
@@ -65,6 +66,11 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
     """
     env = model.get_env()
     assert env is not None
+    if missing := set(model._get_torch_save_params()[0]) - state["networks"].keys():
+        raise ConfigError(
+            f"the snapshot lacks {', '.join(sorted(missing))}: it is of a version before 0.1.0, whose training runs "
+            "cannot be resumed; evaluate it as it is, or train anew"
+        )
     for name in model._get_torch_save_params()[0]:
         owner = attrgetter(name)(model)
         owner.load_state_dict(checked_state(state["networks"][name], owner))

@@ -11,7 +11,7 @@ from stable_baselines3.common.preprocessing import preprocess_obs
 from stable_baselines3.td3.policies import Actor
 
 from sb3_stereo.envs.composite import as_stack
-from sb3_stereo.policies.shared_encoder import BorrowedEncoder
+from sb3_stereo.policies.shared_encoder import SharedEncoderView
 
 Image = NDArray[np.uint8]
 
@@ -47,7 +47,7 @@ def _outputs(policy: Any, image: th.Tensor) -> th.Tensor:
         return values
     if isinstance(getattr(policy, "actor", None), Actor):
         encoder = policy.actor.features_extractor
-        encoder = encoder.lender if isinstance(encoder, BorrowedEncoder) else encoder
+        encoder = encoder.encoder if isinstance(encoder, SharedEncoderView) else encoder
         scaled = preprocess_obs(image, policy.observation_space, normalize_images=policy.normalize_images)
         actions: th.Tensor = policy.actor.mu(encoder(scaled))
         return actions

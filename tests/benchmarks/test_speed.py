@@ -123,10 +123,10 @@ def test_the_parts_of_an_environment_step_are_all_timed() -> None:
 
 def test_the_parts_of_a_training_step_are_all_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trainings, "N_STEPS", 1)
-    model, callbacks = trainings.make_training(n_random=5)
+    model = trainings.make_training(n_random=5)
     n_updates = model._n_updates
-    taken = {name: candidate() for name, candidate in trainings.training_parts(model, callbacks).items()}
-    parts = ["environment", "choosing the action", "gradient steps", "motion updates"]
+    taken = {name: candidate() for name, candidate in trainings.training_parts(model).items()}
+    parts = ["environment", "choosing the action", "gradient steps", "dynamics updates"]
     assert list(taken) == ["all", *parts, "the rest"]
     assert min(taken.values()) > 0
     assert model._n_updates == n_updates + 3

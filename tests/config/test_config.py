@@ -71,9 +71,10 @@ ERRORS = [
     (
         {"gama": 0.9},
         "unknown hyper-parameter of ddpg 'gama' (did you mean 'gamma'?); allowed are: batch_size, buffer_size, "
-        "callback, env_kwargs, env_wrapper, frame_stack, gamma, gradient_steps, learning_rate, learning_starts, "
-        "monitor_kwargs, n_envs, n_steps, n_timesteps, noise_std, noise_type, optimize_memory_usage, policy, "
-        "policy_kwargs, replay_buffer_class, replay_buffer_kwargs, tau, train_freq",
+        "callback, dynamics_steps, env_kwargs, env_wrapper, exploration, frame_stack, gamma, gradient_steps, "
+        "learning_rate, learning_starts, monitor_kwargs, n_envs, n_steps, n_timesteps, noise_std, noise_type, "
+        "optimize_memory_usage, policy, policy_kwargs, pretraining, replay_buffer_class, replay_buffer_kwargs, tau, "
+        "train_freq",
     ),
     ({"gamma": "high"}, "DDPG: gamma must be a number, got 'high'"),
     ({"gamma": True}, "DDPG: gamma must be a number, got True"),
@@ -111,8 +112,8 @@ ERRORS = [
         "unknown argument of env_wrapper QuantizedActions 'level' (did you mean 'levels'?); allowed are: levels",
     ),
     (
-        {"callback": [{"sb3_stereo.learning.exploration.AnnealExploration": {"n_steps": "many"}}]},
-        "callback AnnealExploration: n_steps must be an integer, got 'many'",
+        {"exploration": {"n_steps": "many"}},
+        "DDPG: exploration must be a map or null, got {'n_steps': 'many'}",
     ),
     (
         {"noise_type": "pink", "noise_std": 0.1},

@@ -15,7 +15,9 @@ from sb3_stereo.config.schema import load_config
 from sb3_stereo.envs.cameras import STEREO_PAIR, camera_specs
 from sb3_stereo.envs.composite import COMPOSITES, Composite, as_stack, composite
 from sb3_stereo.envs.reach import StereoReachEnv
-from sb3_stereo.learning.replay import StereoReplay, StereoReplayBuffer
+from sb3_stereo.learning.callbacks import StereoReplay
+from sb3_stereo.learning.replay import StereoReplayBuffer
+from sb3_stereo.learning.stereo_ddpg import StereoDDPG
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
 from sb3_stereo.policies.extractors import StereoCnn
@@ -156,6 +158,7 @@ class ArrangedEnv(FakeImageEnv):
         return self.observation_space.sample()
 
 
+pytestmark = pytest.mark.filterwarnings("ignore:StereoReplay will go:FutureWarning")
 SMALL: dict[str, Any] = {"learning_starts": 4, "batch_size": 4, "buffer_size": 50, "seed": 0, "device": "cpu"}
 
 
@@ -188,23 +191,18 @@ def test_a_map_of_views_is_refused_where_it_cannot_be_learnt_from() -> None:
         with pytest.raises(ValueError) as error:
             algo(policy, ArrangedEnv("dict", n_actions), **SMALL)  # type: ignore[operator]
         assert str(error.value) == policy.__name__ + WAY_OUT
-    model = DDPG("MultiInputPolicy", ArrangedEnv("dict"), **SMALL)
     with pytest.raises(ValueError) as error:
-        model.learn(5, callback=StereoReplay())
+        StereoDDPG("MultiInputPolicy", ArrangedEnv("dict"), replay_buffer_kwargs={"success_fraction": 0.1}, **SMALL)
     assert str(error.value) == (
         "a StereoReplayBuffer holds one image per observation, and this environment gives a map of them; "
-        "set its composite to 'stack' or 'channels', or leave StereoReplay and LearnFromMotion out"
+        "set its composite to 'stack' or 'channels', or leave replay_buffer_kwargs and encoder_loss out"
     )
 
 
 def test_another_number_of_views_than_the_replays_is_explained() -> None:
     class ThreeViews(FakeImageEnv):
-        def reset(self, **kwargs: Any) -> Any:
-            return super().reset(**kwargs)[0], {"pixel_offsets": np.zeros((3, 2))}
+        n_views = 3
 
-    model = DDPG("CnnPolicy", ThreeViews(), **SMALL)
     with pytest.raises(ValueError) as error:
-        model.learn(5, callback=StereoReplay())
-    assert str(error.value) == (
-        "StereoReplay has n_views 2, and the environment has views: 3; set callback.StereoReplay.n_views:3"
-    )
+        StereoDDPG("CnnPolicy", ThreeViews(), replay_buffer_kwargs={"n_views": 2, "success_fraction": 0.1}, **SMALL)
+    assert str(error.value) == "replay_buffer_kwargs: n_views is 2, and the environment has 3; leave it out"

@@ -22,12 +22,12 @@ def make(algo: str) -> Any:
     if algo == "dqn":
         kwargs = {"net_arch": [8], "features_extractor_kwargs": SMALL | {"features_dim": 8}}
         return DQN(StereoDQNPolicy, FakeImageEnv(n_actions=3), policy_kwargs=kwargs, buffer_size=10, device="cpu")
-    motion = {"shared_encoder": True, "encoder_loss": "motion"} if algo == "motion" else {}
-    kwargs = {"net_arch": [8, 8], "features_extractor_kwargs": SMALL, "final_init": 0.5, **motion}
+    dynamics = {"shared_encoder": True, "encoder_loss": "dynamics"} if algo == "dynamics" else {}
+    kwargs = {"net_arch": [8, 8], "features_extractor_kwargs": SMALL, "final_init": 0.5, **dynamics}
     return DDPG(StereoDDPGPolicy, FakeImageEnv(), policy_kwargs=kwargs, buffer_size=10, device="cpu", seed=0)
 
 
-@pytest.mark.parametrize("algo", ["ddpg", "motion", "dqn"])
+@pytest.mark.parametrize("algo", ["ddpg", "dynamics", "dqn"])
 def test_attention_is_where_pixels_change_the_action_and_are_known_to_change(algo: str) -> None:
     policy = make(algo).policy
     observation = np.random.default_rng(0).integers(0, 256, (1, 36, 36), dtype=np.uint8)

@@ -12,10 +12,12 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise, VectorizedActionNoise
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_stereo.learning.exploration import AnnealedOrnsteinUhlenbeckNoise, AnnealExploration
+from sb3_stereo.learning.callbacks import AnnealExploration
+from sb3_stereo.learning.exploration import AnnealedOrnsteinUhlenbeckNoise
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
 
+pytestmark = pytest.mark.filterwarnings("ignore:AnnealExploration will go:FutureWarning")
 TINY_NET = {"features_extractor_kwargs": {"n_filters": 2}, "net_arch": [4, 4]}
 RUN = {"buffer_size": 50, "batch_size": 4, "learning_starts": 10, "seed": 3}
 
@@ -198,7 +200,7 @@ def test_other_noise_is_refused_with_the_way_out(action_noise):
     with pytest.raises(ValueError) as error:
         ddpg(action_noise=action_noise).learn(1, callback=AnnealExploration())
     assert str(error.value) == (
-        "AnnealExploration needs DQN or Ornstein-Uhlenbeck action noise "
+        "annealed exploration needs DQN or Ornstein-Uhlenbeck action noise "
         f"(noise_type: ornstein-uhlenbeck, noise_std: 0.5), got DDPG with {action_noise}"
     )
 

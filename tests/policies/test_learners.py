@@ -152,37 +152,3 @@ def test_what_does_not_go_with_a_learner_is_named(algo: str, params: dict[str, A
     with pytest.raises(ConfigError) as error:
         load_config(algo, fake_reach.ENV_ID, params=params)
     assert str(error.value) == message
-
-
-@pytest.mark.parametrize(
-    ("algo", "callback", "message"),
-    [
-        (
-            "ppo",
-            "sb3_stereo.learning.replay.StereoReplay",
-            "a StereoReplayBuffer replaces a replay buffer, and PPO has none",
-        ),
-        (
-            "ppo",
-            "sb3_stereo.learning.warmup.WarmUp",
-            "WarmUp repeats stored transitions, and PPO stores none; leave it out",
-        ),
-        (
-            "sac",
-            "sb3_stereo.learning.dynamics.LearnFromMotion",
-            "LearnFromMotion needs DQN, or a StereoDDPGPolicy with encoder_loss 'motion'; set it, or leave it out",
-        ),
-        (
-            "sac",
-            "sb3_stereo.learning.exploration.AnnealExploration",
-            "AnnealExploration needs DQN or Ornstein-Uhlenbeck action noise (noise_type: ornstein-uhlenbeck, "
-            "noise_std: 0.5), got SAC with None",
-        ),
-    ],
-)
-def test_a_callback_that_does_not_go_with_a_learner_says_so(algo: str, callback: str, message: str, logs: Path) -> None:
-    kwargs = {"replay_ratio": 1} if callback.endswith("WarmUp") else {}
-    params = {"callback": [{callback: kwargs}], **(ROLLOUT if algo == "ppo" else REPLAY)}
-    with pytest.raises(ConfigError) as error:
-        train(load_config(algo, fake_reach.ENV_ID, params=params), Options(seed=0, log_folder=str(logs), verbose=0))
-    assert str(error.value) == message

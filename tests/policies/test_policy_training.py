@@ -1,4 +1,4 @@
-"""Laws of a gradient step with the policies: learning rates, targets, and no pass too many."""
+"""Laws of a gradient step with the policies: learning rates and targets."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import copy
 
 import pytest
 import torch as th
-from policy_cases import BOTH, OURS, PAPER, make, ready_to_train, same, state
-from stable_baselines3 import DDPG, TD3
+from policy_cases import BOTH, PAPER, ready_to_train, state
+from stable_baselines3 import DDPG
 from torch import nn
 
 from sb3_stereo.policies.optim import ScaledAdam
@@ -68,7 +68,7 @@ def test_scaled_adam_is_adam_at_the_scaled_rate_after_copying_and_loading():
     assert optimizer.param_groups[0]["lr"] == 0.01
 
 
-# --- targets, memo
+# --- targets
 
 
 @BOTH
@@ -85,32 +85,3 @@ def test_targets_move_by_tau_once_per_step(policy_kwargs):
     for name in new:
         if "_target." in name and "running_" in name:
             assert th.equal(new[name], new[name.replace("_target.", ".")])
-
-
-@pytest.mark.parametrize("algorithm", [DDPG, TD3])
-@pytest.mark.parametrize("critic_hidden_norm", ["layer", "batch"])
-def test_memo_changes_no_bit_of_the_training(algorithm, critic_hidden_norm):
-    def trained(memo: bool) -> tuple[dict[str, th.Tensor], int]:
-        model = make(algorithm, {**OURS, "critic_hidden_norm": critic_hidden_norm}, gradient_steps=2)
-        passes = []
-        for net in (model.critic, model.critic_target):
-            net.features_extractor.register_forward_hook(lambda *_: passes.append(1))
-        if not memo:
-            for net in (model.actor, model.critic, model.actor_target, model.critic_target):
-                net.memo = None
-        model.learn(30)
-        return state(model.policy), len(passes)
-
-    with_memo, fewer_passes = trained(memo=True)
-    without, passes = trained(memo=False)
-    assert same(with_memo, without)
-    assert fewer_passes < passes
-
-
-def test_shared_encoder_runs_three_times_per_gradient_step():
-    model = ready_to_train(OURS)
-    passes = []
-    for net in (model.critic, model.critic_target):
-        net.features_extractor.register_forward_hook(lambda *_: passes.append(1))
-    model.train(4, batch_size=8)
-    assert len(passes) == 3 * 4

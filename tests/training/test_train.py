@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import fake_reach
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 from tiny_training import QUICK, SMALL, TINY, tiny_config
 
 from sb3_stereo import __main__
-from sb3_stereo.building.factory import make_callbacks, make_model, make_training_env
+from sb3_stereo.building.factory import make_model, make_training_env
 from sb3_stereo.commands import enjoy, evaluate
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import ALGORITHMS, load_config
@@ -31,19 +32,16 @@ def run_train(logs: Path, *arguments: str, params: list[str] = TINY) -> int:
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "dqn"])
-@pytest.mark.parametrize("gradient_steps", [3, -1])
-def test_updates_per_environment_step_do_not_depend_on_the_number_of_environments(
-    algo: str, gradient_steps: int
-) -> None:
-    for n_envs in (1, 4):
-        config = tiny_config(algo, n_envs=n_envs, gradient_steps=gradient_steps, learning_starts=8)
-        motion, warm_up = (callback for callback in make_callbacks(config) if hasattr(callback, "replay_ratio"))
-        model = make_model(config, make_training_env(config, seed=0), seed=0, device="cpu")
-        motion.replay_ratio = warm_up.replay_ratio = 0.5
-        model.learn(16, callback=[motion, warm_up])
-        assert model._n_updates == 4 + abs(gradient_steps) * (16 - 8)
-        # What moves is learnt from the last of the random steps on, which n_envs environments take together.
-        assert motion.n_updates == 4 + motion.gradient_steps * (16 - 8 + n_envs)
+@pytest.mark.parametrize(("gradient_steps", "expected"), [(3, {1: 24, 4: 6}), (-1, {1: 8, 4: 8})])
+def test_gradient_steps_mean_what_they_mean_in_sb3(algo: str, gradient_steps: int, expected: dict[int, int]) -> None:
+    """Per step of all environments together; -1 is one per transition."""
+    for n_envs, n_updates in expected.items():
+        params = {"gradient_steps": gradient_steps, "learning_starts": 8, "pretraining": {"dynamics": 1}}
+        config = tiny_config(algo, n_envs=n_envs, **params)
+        model: Any = make_model(config, make_training_env(config, seed=0), seed=0, device="cpu")
+        model.learn(16)
+        assert model._n_updates == n_updates
+        assert model.policy.dynamics.n_updates == 8 + 2 * (16 - 8) // n_envs
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)

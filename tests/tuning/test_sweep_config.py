@@ -114,9 +114,8 @@ ERRORS: list[tuple[dict[str, Any], str]] = [
     ),
     ({"parameters": {"gamma": {"values": ["high"]}}}, "DDPG: gamma must be a number, got 'high'"),
     (
-        {"parameters": {"callback.WarmUp": {"values": [1]}}},
-        "unknown class or argument in 'callback.WarmUp' 'WarmUp'; allowed are: AnnealExploration.<argument>, "
-        "LearnFromMotion.<argument>, StereoReplay.<argument>, WarmUp.<argument>",
+        {"parameters": {"dynamics_step": {"values": [1]}}},
+        "unknown hyper-parameter of ddpg 'dynamics_step' (did you mean 'dynamics_steps'?)",
     ),
     ({"early_terminate": {"type": "asha"}}, "early_terminate lacks 'min_iter'; add it"),
     (
