@@ -34,7 +34,7 @@ RANDOM = ("--env", "WamStereoReachRandom-v0", "--eval-freq", "2500")
 RANDOM_CHECKPOINTS = (2500, 5000, 7500, 10_000, 15_000, 20_000, 30_000)
 HALF = RANDOM_CHECKPOINTS[:5]  # of the agents that are compared with each other and not with the aim
 FIXED = ("--eval-freq", "500")
-NO_MIRROR = ("-params", "callback.StereoReplay.mirror_probability:0")
+NO_MIRROR = ("-params", "replay_buffer_kwargs.mirror_probability:0")
 EXTRACTOR = "policy_kwargs.features_extractor_kwargs"
 # The target without its colour, and with the blur and the resolution that leave it more of its contrast.
 LUMINANCE = ("--env-kwargs", "composite:stack", "-params", f"{EXTRACTOR}.blur:1.5", f"{EXTRACTOR}.downsample:2")
