@@ -82,6 +82,11 @@ TASKS = (
         "pulses of 1.5 s and another target",
         env_kwargs={"pulse_duration": 1.5, "target_position": (0.634, 0.421, 0.227)},
     ),
+    Task(
+        "observation_close",
+        "ρ in the observation's pixels, close framing",
+        env_kwargs={"success_frame": "observation", "framing": "close"},
+    ),
     Task("random", "randomised targets", "WamStereoReachRandom-v0"),
     Task("kuka", "fixed target, the Kuka", "KukaStereoReach-v0"),
     Task("panda", "fixed target, the Panda", "PandaStereoReach-v0"),
@@ -252,7 +257,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = [task.name for task in TASKS]
     parser.add_argument("--tasks", nargs="+", default=names, choices=names, metavar="NAME", help=", ".join(names))
     kinds = list(BASELINES)
-    parser.add_argument("--kinds", nargs="+", default=kinds, choices=kinds, metavar="KIND", help=", ".join(kinds))
+    parser.add_argument("--kinds", nargs="*", default=kinds, choices=kinds, metavar="KIND", help=", ".join(kinds))
     parser.add_argument("--workers", type=int, default=available_cores(), help="processes that plan")
     args = parser.parse_args(argv)
     for task in (task for task in TASKS if task.name in args.tasks):

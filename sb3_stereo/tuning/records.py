@@ -11,6 +11,7 @@ import yaml
 
 from sb3_stereo.config.schema import Config, overridden
 from sb3_stereo.config.values import read_yaml
+from sb3_stereo.envs import plain_yaml
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.scores import read_scores
 from sb3_stereo.runs.directory import env_name, find_run, load_record, run_ids
@@ -92,9 +93,9 @@ def find_trial(folder: Path, config: Config, seed: int) -> Path | None:
         try:
             if (records / "config.yml").read_text(encoding="utf-8") != text:
                 continue
-            if yaml.safe_load((records / "args.yml").read_text(encoding="utf-8"))["seed"] == seed:
+            if plain_yaml.read(records / "args.yml")["seed"] == seed:
                 return run
-        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError):  # killed while it was made: nobody's run
+        except (OSError, KeyError, TypeError, ValueError):  # killed while it was made: nobody's run
             continue
     return None
 
