@@ -16,8 +16,11 @@ import torch as th
 from numpy.typing import NDArray
 from torch import nn
 
+from sb3_stereo import ENV_IDS
+
 TEST_SHARE = 0.1
 N_PARTS = 4
+ENV_ID = "WamStereoReach-v0"
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,9 @@ class Poses:
     markers: NDArray[np.float32]
 
 
-def collect(n_poses: int, seed: int, random_target: bool) -> Poses:
+def collect(n_poses: int, seed: int, random_target: bool, env_id: str = ENV_ID) -> Poses:
     """Reset to `n_poses` random poses (and targets) and write down what is seen and what is true."""
-    env = gym.make("sb3_stereo:WamStereoReach-v0")
+    env = gym.make(f"sb3_stereo:{env_id}")
     rng = np.random.default_rng(seed)
     env.reset(seed=seed)
     n_joints = env.action_space.shape[0]  # type: ignore[index]
@@ -49,11 +52,12 @@ def collect(n_poses: int, seed: int, random_target: bool) -> Poses:
     return Poses(np.array(images), np.array(joints, np.float32), np.array(markers, np.float32))
 
 
-def collect_in_parallel(n_poses: int, seed: int, random_target: bool, n_workers: int) -> Poses:
+def collect_in_parallel(n_poses: int, seed: int, random_target: bool, n_workers: int, env_id: str = ENV_ID) -> Poses:
     """`collect` in `N_PARTS` parts, each with its own seed, over processes: the same, however many there are."""
     with ProcessPoolExecutor(n_workers) as pool:
         share = [n_poses // N_PARTS] * N_PARTS
-        parts = list(pool.map(collect, share, range(seed, seed + N_PARTS), [random_target] * N_PARTS))
+        every = [random_target] * N_PARTS, [env_id] * N_PARTS
+        parts = list(pool.map(collect, share, range(seed, seed + N_PARTS), *every))
     return Poses(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("images", "joints", "markers")))
 
 
@@ -114,10 +118,11 @@ def main() -> None:
     parser.add_argument("--updates", type=int, default=6_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--env", default=ENV_ID, choices=ENV_IDS, metavar="ID", help=", ".join(ENV_IDS))
     parser.add_argument("--random-target", action="store_true", help="draw the target too")
     args = parser.parse_args()
     th.manual_seed(args.seed)
-    poses = collect_in_parallel(args.poses, args.seed, args.random_target, args.workers)
+    poses = collect_in_parallel(args.poses, args.seed, args.random_target, args.workers, args.env)
     print("\n".join(report(poses, args.updates)))
 
 
