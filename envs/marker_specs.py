@@ -2,20 +2,33 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass
 
-from sb3_stereo.envs.circles import find_circles
-from sb3_stereo.envs.markers import Blobs, find_blobs
+from sb3_stereo.envs.circles import circle_centres, find_circles
+from sb3_stereo.envs.markers import Blobs, blob_centroids, find_blobs
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import require_known
 from sb3_stereo.envs.validation import STRICT, Flag, PositiveQuantity, Quantity, Text, explained, from_map
 
-Finder = Callable[[NDArray[np.uint8], tuple[float, float]], Blobs]  # of a frame, and of how large the balls look [px]
-MEASURES: dict[str, Finder] = {"centroid": lambda frame, radii: find_blobs(frame), "circle": find_circles}
+Frame = NDArray[np.uint8]
+Radii = tuple[float, float]  # how large the red and the blue ball look, in [px]
+
+
+class Measure(NamedTuple):
+    """How an image tells where the markers are."""
+
+    find: Callable[[Frame, Radii], Blobs]  # in a rendered frame
+    locate: Callable[[Frame, Frame, Radii], Blobs]  # where an image's red and blue pixels are known: 255 there, else 0
+
+
+MEASURES = {
+    "centroid": Measure(lambda frame, radii: find_blobs(frame), lambda red, blue, radii: blob_centroids(red, blue)),
+    "circle": Measure(find_circles, circle_centres),
+}
 
 
 @explained("markers")

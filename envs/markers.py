@@ -44,6 +44,11 @@ def find_blobs(frame: Frame) -> Blobs:
     return Blobs(*(_centroid(mask, left, top) for mask in masks))
 
 
+def blob_centroids(red: Frame, blue: Frame) -> Blobs:
+    """The centroids of two blobs, each 255 where it is and else 0, (height, width), uint8."""
+    return Blobs(_centroid(red, 0, 0), _centroid(blue, 0, 0))
+
+
 def marker_masks(frame: Frame) -> tuple[Frame, Frame]:
     """Where a frame is red (end effector) and where blue (target): 255 there, else 0, (height, width) each, uint8.
 

@@ -27,6 +27,7 @@ from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.lifecycle import SimulatedEnv
 from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
+from sb3_stereo.envs.markers import Blobs
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.sight import Floats, Image
 from sb3_stereo.envs.specs import plain, quoted, require
@@ -266,6 +267,16 @@ class StereoReachEnv(SimulatedEnv):
         """
         scaled = offsets * self._success_scale
         return np.asarray(np.hypot(scaled[..., 0], scaled[..., 1]))
+
+    def locate_markers(self, view: int, red: Image, blue: Image) -> Blobs:
+        """Measure the markers in an ordinary image as in a rendered frame.
+
+        Args:
+            view: Number of the camera, from 0.
+            red: 255 where the image shows the end effector's marker, else 0, (height, width) of the frame, uint8.
+            blue: Likewise the target's.
+        """
+        return self._world.eyes.locate(view, red, blue)
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""

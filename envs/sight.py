@@ -59,7 +59,11 @@ class Eyes:
 
     def find(self, view: int, frame: Image) -> Blobs:
         """Where the markers are in a frame of a view, RGB or RGBA, shape (height, width, 3 or 4), uint8."""
-        return self._measure(frame, self._radii[view])
+        return self._measure.find(frame, self._radii[view])
+
+    def locate(self, view: int, red: Image, blue: Image) -> Blobs:
+        """Where the markers are in an image like a view's, of which red and blue pixels are known: 255, else 0."""
+        return self._measure.locate(red, blue, self._radii[view])
 
     def look(self, target_position: Floats) -> Sight:
         """Take the frames and measure the markers' offset in each.

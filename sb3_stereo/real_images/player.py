@@ -42,6 +42,7 @@ class Player:
         task: Any = env.unwrapped
         self.rho, self.limits, self.joints = task.rho, task.effort_limits, task.arm.spec.joints
         self.composite, self._success_distances = task.composite, task.success_distances
+        self._locate = task.locate_markers
         self.cameras = [camera.spec for camera in task.cameras]
 
     def answer(self, images: Sequence[tuple[str, Image]]) -> Answer:
@@ -51,9 +52,9 @@ class Player:
         frames = [
             fit(image, camera.width, camera.height) for camera, (_, image) in zip(self.cameras, images, strict=True)
         ]
-        for camera, frame in zip(self.cameras, frames, strict=True):
+        for number, (camera, frame) in enumerate(zip(self.cameras, frames, strict=True)):
             found = detect(frame)
-            views.append(View(camera.name, white_balanced(frame), found.markers))
+            views.append(View(camera.name, white_balanced(frame), self._locate(number, *found.masks)))
             undecided.update({(camera.name, marker): at for marker, at in zip(MARKERS, found.undecided) if at})
         observation = observe(frames, self.composite)
         efforts = [] if undecided else self._answer(observation)

@@ -15,6 +15,7 @@ from sb3_stereo.envs import ENV_IDS
 from sb3_stereo.envs.cameras import CLOSE_PAIR, camera_specs, plain_cameras
 from sb3_stereo.envs.marker_specs import HOLLOW, SOLID, MarkerSpec, marker_spec
 from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.real_images.detection import detect
 
 V1_IDS = [env_id for env_id in ENV_IDS if env_id.endswith("-v1")]
 RECORDED = ("WamStereoReach-v1",)
@@ -155,3 +156,20 @@ def test_wrong_markers_and_framings_are_explained(arguments: dict[str, Any], mes
     with pytest.raises(ValueError) as error:
         StereoReachEnv(**arguments)
     assert str(error.value) == message
+
+
+def test_ordinary_images_are_measured_as_rendered_frames_are(v1: Any) -> None:
+    """Noise, JPEG and warm light, and one marker in front of the other: the circle stays, the centroid does not."""
+    rng, errors = np.random.default_rng(0), []
+    for seed in range(12):
+        hand = v1.reset(seed=seed)[1]["end_effector_position"]
+        pose, away = v1.arm.actuated_positions, rng.normal(size=3)
+        target = hand + 0.03 * away / np.linalg.norm(away)
+        _, info = v1.reset(options={"joint_positions": pose, "target_position": target})
+        for view, frame in enumerate(np.hsplit(v1.render(), 2)):
+            noisy = frame * (1, 0.85, 0.6) + rng.normal(0, 10, frame.shape)
+            image = np.clip(noisy, 0, 255).astype(np.uint8)
+            found = v1.locate_markers(view, *detect(image).masks)
+            errors.append(np.hypot(*found.offset) - info["pixel_distances"][view])
+    known = np.abs(np.array(errors)[np.isfinite(errors)])
+    assert len(known) > 16 and known.mean() < 0.6 and np.quantile(known, 0.9) < 1.5
