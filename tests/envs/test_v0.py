@@ -36,6 +36,6 @@ def fingerprint(env: Any) -> str:
 
 @pytest.mark.parametrize("env_id", RECORDED)
 def test_v0_gives_the_same_images_offsets_and_rewards_as_ever(env_id: str) -> None:
-    env = gym.make(env_id, render_mode="rgb_array").unwrapped
+    env = gym.make(f"sb3_stereo:{env_id}", render_mode="rgb_array").unwrapped
     assert fingerprint(env) == RECORDED[env_id]
     env.close()
