@@ -19,13 +19,13 @@ help: ## list the targets
 
 venv: $(STAMP) ## create .venv and install everything
 
-train: $(STAMP) ## train our DDPG agent and score it (ARGS="--algo dqn --seed 1")
+train: $(STAMP) ## train our DDPG agent and evaluate it (ARGS="--algo dqn --seed 1")
 	$(PYTHON) train.py $(ARGS)
 
 test: $(STAMP) ## run the tests (ARGS="-k config")
 	$(PYTHON) -m pytest -q -m "not slow and not zoo" $(ARGS)
 
-test-slow: $(STAMP) ## run the tests that take longer
+test-slow: $(STAMP) ## run the slow tests
 	$(PYTHON) -m pytest -q -m "slow and not zoo" $(ARGS)
 
 test-zoo: $(STAMP) ## install rl_zoo3 and train with it
@@ -36,7 +36,7 @@ test-newest: ## run the tests with the newest versions that setup.cfg allows, in
 	rm -rf $(NEWEST)
 	$(MAKE) --no-print-directory VENV=$(NEWEST) CONSTRAINTS= test
 
-audit: $(STAMP) ## ask for known vulnerabilities of the pinned versions (needs the network)
+audit: $(STAMP) ## check the pinned versions for known vulnerabilities (needs the network)
 	$(PIP) -e ".[audit]"
 	$(PYTHON) -m pip_audit --strict -r constraints.txt --no-deps --disable-pip $(ARGS)
 
@@ -45,10 +45,10 @@ lint: $(STAMP) ## check style and types
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
 
-docs: $(STAMP) ## build the pages of docs/ into site/
+docs: $(STAMP) ## build the documentation into site/
 	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --strict
 
-benchmark: $(STAMP) ## train what is missing of the paper's tables and write benchmarks/RESULTS.md (hours)
+benchmark: $(STAMP) ## train the missing cells of the paper's tables and write benchmarks/RESULTS.md (hours)
 	$(PYTHON) -m benchmarks.tables.paper $(ARGS)
 
 clean: ## remove builds and caches; keeps .venv and logs

@@ -1,4 +1,4 @@
-"""Play a trained agent; see `python enjoy.py --help`."""
+"""Run a trained agent; see `python enjoy.py --help`."""
 
 import sys
 
