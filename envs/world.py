@@ -124,4 +124,4 @@ class World:
                 self._client.restoreState(fileName=str(file))
             except pybullet.error as error:
                 urdf = quoted(self.arm_spec.urdf)
-                raise ValueError(f"{urdf} has changed since the environment was pickled; pickle it anew") from error
+                raise ValueError(f"{urdf} has changed since the environment was pickled; pickle it again") from error

@@ -61,7 +61,7 @@ def save_frame(env: Any, path: str) -> None:
     except cv2.error:
         saved = False
     if not saved:
-        raise ConfigError(f"cannot write the picture '{path}'; give a file such as arm.png in a folder that exists")
+        raise ConfigError(f"cannot write the image '{path}'; give a file such as arm.png in a folder that exists")
 
 
 def main(argv: list[str] | None = None) -> int:

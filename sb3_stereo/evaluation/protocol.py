@@ -223,7 +223,7 @@ def evaluate(
         ConfigError: If there is no start, or a process that steps an environment died.
     """
     if not starts:
-        raise ConfigError("there is nothing to score: give at least one pose")
+        raise ConfigError("there is nothing to evaluate: give at least one pose")
     shares = [starts[i::n_envs] for i in range(min(n_envs, len(starts)))]
     env = vec_env_cls([_starting(env_fn, share) for share in shares])
     try:

@@ -19,9 +19,9 @@ def read_scores(run: Path) -> dict[int, dict[str, float]]:
     except FileNotFoundError:
         scores = {}
     except (OSError, *UNREADABLE) as error:
-        raise ConfigError(f"cannot read the scores in '{run / EVALUATIONS}' ({type(error).__name__})") from error
+        raise ConfigError(f"cannot read the evaluations in '{run / EVALUATIONS}' ({type(error).__name__})") from error
     if not scores:
-        raise ConfigError(f"'{run}' has no scores yet; the first comes at the first checkpoint of its training")
+        raise ConfigError(f"'{run}' has no evaluations yet; the first comes at the first checkpoint of its training")
     return scores
 
 

@@ -145,7 +145,7 @@ def how_to_resume(run: Path) -> str:
     """Return the way out of an interruption, as a clause."""
     packages = [name for name in read_record(run).packages if not is_installed(name)]
     flags = ["--gym-packages", *packages] if packages else []
-    return f"go on with: {command_line('train', '--resume', os.path.relpath(run), *flags)}"
+    return f"resume with: {command_line('train', '--resume', os.path.relpath(run), *flags)}"
 
 
 def how_to_watch(run: Path) -> str:

@@ -88,7 +88,7 @@ def resume(run: Path, verbose: int = 1, on_evaluation: OnEvaluation | None = Non
     with interruptions() as signals, status.locked(run), losses_are_errors(run):
         if status.has_ended(run, config):  # not before: another process may just have brought it to its end
             snapshots.remove(run)  # it may have been killed just before
-            raise ConfigError(f"'{run}' has ended after {config.n_timesteps} steps; there is nothing to go on with")
+            raise ConfigError(f"'{run}' has ended after {config.n_timesteps} steps; there is nothing to resume")
         state = snapshots.newest(run)
         folder = tensorboard.folder_of(run, args.get("tensorboard"))
         if folder is not None:

@@ -62,7 +62,7 @@ def connected(address: str | None) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        print("Interrupted; the same command goes on.")
+        print("Interrupted; repeat the command to continue.")
         raise
     finally:
         ray.shutdown()

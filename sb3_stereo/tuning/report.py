@@ -102,7 +102,7 @@ def picture_line(sweep: Sweep, found: Sequence[Setting], file: Path) -> str:
     try:
         draw(sweep, [setting for setting in found if setting.is_complete], file)
     except ModuleNotFoundError as error:
-        return f'No picture: it needs {error.name}; install it with: pip install "sb3_stereo[sweep]"'
+        return f'No plot: it needs {error.name}; install it with: pip install "sb3_stereo[sweep]"'
     return f"The metric over each parameter: {os.path.relpath(file)}"
 
 

@@ -132,7 +132,7 @@ def make_writer(file: Path, fps: float) -> Writer:
         ConfigError: If there is none, or the file cannot be written.
     """
     if file.suffix not in FORMATS:
-        raise ConfigError(f"cannot film into '{file}'; the name must end in {', '.join(FORMATS)}")
+        raise ConfigError(f"cannot write the video '{file}'; the name must end in {', '.join(FORMATS)}")
     if not file.parent.is_dir():
         raise ConfigError(f"cannot write '{file}' (no folder '{file.parent}'); choose another with --video")
     try:

@@ -189,7 +189,7 @@ def test_a_robot_that_has_changed_since_it_was_pickled_is_said(tmp_path: Path) -
     urdf.write_text(text.replace("</robot>", f'<link name="more"/>{joint}</robot>'))
     with pytest.raises(ValueError) as refusal:
         pickle.loads(pickled)
-    assert str(refusal.value) == f"'{urdf}' has changed since the environment was pickled; pickle it anew"
+    assert str(refusal.value) == f"'{urdf}' has changed since the environment was pickled; pickle it again"
     env.close()
 
 

@@ -149,7 +149,7 @@ def test_random_starts_depend_on_their_seed_alone() -> None:
 def test_nothing_to_score_is_an_error() -> None:
     with pytest.raises(ConfigError) as error:
         score(0.0, [])
-    assert str(error.value) == "there is nothing to score: give at least one pose"
+    assert str(error.value) == "there is nothing to evaluate: give at least one pose"
 
 
 def test_the_test_poses_are_a_hundred_and_come_with_the_package() -> None:

@@ -60,9 +60,9 @@ def unreadable(tmp_path: Path) -> dict[Path, str]:
     (foreign / "FakeReach-v0" / "args.yml").write_text("")
     first = "the first comes at the first checkpoint of its training"
     return {
-        unscored: f"'{unscored}' has no scores yet; {first}",
-        broken: f"cannot read the scores in '{broken / EVALUATIONS}' (ValueError)",
-        cut: f"'{cut}' has no scores yet; {first}",
+        unscored: f"'{unscored}' has no evaluations yet; {first}",
+        broken: f"cannot read the evaluations in '{broken / EVALUATIONS}' (ValueError)",
+        cut: f"'{cut}' has no evaluations yet; {first}",
         foreign: f"'{foreign / 'FakeReach-v0'}' is not the record of a training (TypeError)",
         tmp_path: f"'{tmp_path}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1",
     }

@@ -50,7 +50,7 @@ def train_with_faults(logs: Path, disk: FaultyDisk) -> tuple[Path, int]:
         except Killed:
             continue
         except ConfigError as error:
-            assert str(error).endswith("there is nothing to go on with") or "No space left on device" in str(error)
+            assert str(error).endswith("there is nothing to resume") or "No space left on device" in str(error)
             if "No space" in str(error):
                 continue
             return next(logs.glob("ddpg/FakeReach-v0_*")), n_faults

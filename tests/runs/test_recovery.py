@@ -191,7 +191,7 @@ def test_a_kill_between_the_end_and_its_cleaning_leaves_no_snapshots(
         patch.setattr(session.snapshots, "remove", lambda run, after=-1: die() if after < 0 else None)
         resume(run, verbose=0)
     assert status.has_ended(run, config())
-    with pytest.raises(ConfigError, match=r"has ended after 24 steps; there is nothing to go on with$"):
+    with pytest.raises(ConfigError, match=r"has ended after 24 steps; there is nothing to resume$"):
         resume(run, verbose=0)
     assert_same_runs(run, undisturbed)
 
@@ -332,7 +332,7 @@ def test_an_interruption_before_the_first_step_can_be_gone_on_with(
     assert (result.interrupted, result.n_timesteps, result.model) == ("SIGINT", 0, None)
     run = os.path.relpath(result.run)
     assert train_cli.last_line(result, 1.0) == (
-        f"Interrupted by SIGINT after 0 steps in 1 s; go on with: {command_line('train', '--resume', run)}"
+        f"Interrupted by SIGINT after 0 steps in 1 s; resume with: {command_line('train', '--resume', run)}"
     )
     resume(result.run, verbose=0)
     assert_same_runs(result.run, undisturbed)

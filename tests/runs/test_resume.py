@@ -237,7 +237,7 @@ def test_the_command_resumes_and_says_when_there_is_nothing_to_do(
     assert train_cli.main(["--resume", str(run), "--verbose", "0"]) == 0
     assert capsys.readouterr().out.startswith(f"Done: {N_TIMESTEPS} steps in ")
     assert train_cli.main(["--resume", str(run)]) == 2
-    message = f"error: '{run}' has ended after {N_TIMESTEPS} steps; there is nothing to go on with\n"
+    message = f"error: '{run}' has ended after {N_TIMESTEPS} steps; there is nothing to resume\n"
     assert capsys.readouterr().err == message
     assert train_cli.main(["--resume", str(run), "--seed", "3"]) == 2
     assert capsys.readouterr().err == "error: --resume takes the run's own settings, got 'seed' too; leave it out\n"

@@ -193,7 +193,7 @@ def test_enjoy_films_whole_episodes_that_can_be_played(
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (["--video", "film.avi"], "cannot film into 'film.avi'; the name must end in .gif, .mp4"),
+        (["--video", "film.avi"], "cannot write the video 'film.avi'; the name must end in .gif, .mp4"),
         (
             ["--video", "nowhere/film.gif"],
             "cannot write 'nowhere/film.gif' (no folder 'nowhere'); choose another with --video",
