@@ -105,7 +105,10 @@ def test_the_commands_are_found() -> None:
     shown = {command.text for command in ALL if command.shown}
     assert shown >= {"README.md", "CONTRIBUTING.md", "commands.md", "paper.md", "resuming.md", "your_robot.md"}
     assert Command("README.md", "make test", shown=True) in ALL
-    assert Command("real_cameras.md", "python train.py --algo ddpg --seed 11 -n 4000", shown=False) in ALL
+    assert (
+        Command("real_cameras.md", "python train.py --algo ddpg --env WamStereoReach-v0 --seed 11 -n 4000", shown=False)
+        in ALL
+    )
 
 
 @pytest.mark.parametrize("command", ALL, ids=str)
