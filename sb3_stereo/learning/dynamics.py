@@ -8,6 +8,7 @@ from sb3_stereo.learning.off_policy import OffPolicyMixin
 from sb3_stereo.learning.replay import StereoReplayBuffer
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
+from sb3_stereo.policies.dynamics import DynamicsHeads
 from sb3_stereo.task_interface import agreed_n_views, check_offsets, task_of
 
 
@@ -34,6 +35,11 @@ class DynamicsMixin(OffPolicyMixin):
         self.dynamics_steps = dynamics_steps
         super().__init__(*args, **kwargs)
 
+    @property
+    def heads(self) -> DynamicsHeads | None:
+        """The policy's; None if it has none, as any policy of SB3's."""
+        return getattr(self.policy, "dynamics", None)
+
     def _setup_model(self) -> None:
         is_ours = issubclass(self.policy_class, StereoDDPGPolicy | StereoDQNPolicy)
         loss = self.policy_kwargs.get("encoder_loss", "critic") if is_ours else "critic"
@@ -52,7 +58,7 @@ class DynamicsMixin(OffPolicyMixin):
 
     def _check_dynamics(self, loss: str) -> None:
         trained = self.dynamics_steps + self._n_pretraining("dynamics") > 0
-        heads = getattr(self.policy, "dynamics", None)
+        heads = self.heads
         if heads is not None and not trained and self.num_timesteps == 0:
             raise ValueError(
                 f"encoder_loss is '{loss}', and nothing trains the encoder; "
@@ -75,14 +81,13 @@ class DynamicsMixin(OffPolicyMixin):
 
     def _setup_learn(self, total_timesteps: int, *args: Any, **kwargs: Any) -> Any:
         prepared = super()._setup_learn(total_timesteps, *args, **kwargs)
-        if self.policy.dynamics is not None:
+        if self.heads is not None:
             assert self.env is not None
-            check_offsets(self.env, self.policy.dynamics.n_views, f"encoder_loss '{self.policy.encoder_loss}'")
+            check_offsets(self.env, self.heads.n_views, f"encoder_loss '{self.policy.encoder_loss}'")
         return prepared
 
     def _pretrain(self) -> None:
-        heads = getattr(self.policy, "dynamics", None)
-        if heads is not None and heads.n_updates == 0:
+        if self.heads is not None and self.heads.n_updates == 0:
             self._train_dynamics(self._n_pretraining("dynamics"), self.batch_size)
         super()._pretrain()
 
@@ -90,10 +95,10 @@ class DynamicsMixin(OffPolicyMixin):
         """Train the encoder and the heads."""
         for _ in range(n_updates):
             samples = self.replay_buffer.sample_dynamics(batch_size)
-            loss = self.policy.dynamics.update(self.policy.encoder, samples)
+            assert self.heads is not None
+            loss = self.heads.update(self.policy.encoder, samples)
             self.logger.record("train/dynamics_loss", loss)
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         state_dicts, variables = super()._get_torch_save_params()
-        has_heads = getattr(self.policy, "dynamics", None) is not None
-        return [*state_dicts, *(["policy.dynamics.optimizer"] if has_heads else [])], variables
+        return [*state_dicts, *(["policy.dynamics.optimizer"] if self.heads else [])], variables

@@ -168,9 +168,10 @@ def _annealed_noise(model: Any, annealing: Annealing) -> ActionNoise:
     noise = getattr(model, "action_noise", None)
     base = noise.base_noise if isinstance(noise, VectorizedActionNoise) else noise
     if not isinstance(base, OrnsteinUhlenbeckActionNoise):
+        name = type(model).__name__.removeprefix("Stereo")
         raise ValueError(
             "annealed exploration needs DQN or Ornstein-Uhlenbeck action noise "
-            f"(noise_type: ornstein-uhlenbeck, noise_std: 0.5), got {type(model).__name__} with {base}"
+            f"(noise_type: ornstein-uhlenbeck, noise_std: 0.5), got {name} with {base}"
         )
     annealed = AnnealedOrnsteinUhlenbeckNoise(
         base._mu,

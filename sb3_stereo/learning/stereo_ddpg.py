@@ -24,7 +24,6 @@ from torch.nn import functional as F
 
 from sb3_stereo.learning.dynamics import DynamicsMixin
 from sb3_stereo.policies.actor_critic import StereoCritic
-from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.layers import scale_images
 
 ENCODED_AT_ONCE = 4  # batches; more do not fit into a processor's cache
@@ -53,7 +52,7 @@ class StereoTD3(DynamicsMixin, TD3):
 
     def _train_agent(self, gradient_steps: int, batch_size: int) -> None:
         """Update critic and actor: one step of each per batch, then their targets."""
-        if not isinstance(self.policy, StereoDDPGPolicy) or self.policy.dynamics is None:
+        if self.heads is None:
             return super().train(gradient_steps, batch_size)
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer])

@@ -343,3 +343,10 @@ def test_an_environment_without_offsets_is_refused() -> None:
         "encoder_loss 'dynamics' needs info['pixel_offsets'], which this environment does not give; "
         "leave it out and set encoder_loss to 'critic'"
     )
+
+
+@pytest.mark.parametrize("algorithm", [StereoDDPG, StereoTD3])
+def test_sb3s_own_policies_train_as_well(algorithm: type[TD3]) -> None:
+    model = algorithm("CnnPolicy", FakeImageEnv(), pretraining={"agent": 0.5}, **RUN)
+    model.learn(33)
+    assert model._n_updates == 15 + 3

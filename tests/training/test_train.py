@@ -189,7 +189,7 @@ ERRORS = [
     ),
     (
         ["-params", "noise_type:null"],
-        "AnnealExploration needs DQN or Ornstein-Uhlenbeck action noise (noise_type: ornstein-uhlenbeck, "
+        "annealed exploration needs DQN or Ornstein-Uhlenbeck action noise (noise_type: ornstein-uhlenbeck, "
         "noise_std: 0.5), got DDPG with None",
     ),
 ]
