@@ -69,7 +69,7 @@ def step_parts() -> dict[str, Candidate]:
         )
     ]
     for camera in inner.cameras:
-        camera._draw = parts.watch(f"{camera.spec.name} view", camera._draw)
+        camera.draw = parts.watch(f"{camera.spec.name} view", camera.draw)
     inner.composite = parts.watch("composite", inner.composite)
     steps = stepping(env)
 

@@ -26,7 +26,7 @@ def renamed_choice(name: str, value: str) -> str:
 
 def rename_keys(state: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return a policy's state under the present names; whoever trained the old one did pre-train it."""
-    old = [name for name in state if name.startswith("motion.")]
+    old = [name for name in state if isinstance(name, str) and name.startswith("motion.")]
     if not old:
         return state
     new = dict(state)

@@ -66,7 +66,8 @@ def restore(model: "BaseAlgorithm", callbacks: Sequence[BaseCallback], state: St
     """
     env = model.get_env()
     assert env is not None
-    if missing := set(model._get_torch_save_params()[0]) - state["networks"].keys():
+    missing = set(model._get_torch_save_params()[0]) - state["networks"].keys()
+    if missing and "policy" in state["networks"]:
         raise ConfigError(
             f"the snapshot lacks {', '.join(sorted(missing))}: it is of a version before 0.1.0, whose training runs "
             "cannot be resumed; evaluate it as it is, or train anew"

@@ -19,7 +19,7 @@ from sb3_stereo.tuning import trials
 from sb3_stereo.tuning.records import find_trial
 from sb3_stereo.tuning.trials import run_trial
 
-PARAMS = ("-params", "learning_starts:10", "batch_size:4", "callback:null", "noise_type:null", "policy:CnnPolicy")
+PARAMS = ("-params", "learning_starts:10", "batch_size:4", "dynamics_steps:0", "pretraining:null", "policy:CnnPolicy")
 PARAMS += ("policy_kwargs:null", "buffer_size:50")
 ARGUMENTS = ("--env", fake_reach.ENV_ID, "--gym-packages", "fake_reach", *PARAMS)
 ROW = Row("tiny", "ddpg", "Tiny", ARGUMENTS, (20,))

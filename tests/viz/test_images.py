@@ -100,7 +100,24 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     logs = tmp_path_factory.mktemp("logs")
     flags = ["-n", "12", "--eval-freq", "-1", "--n-eval-envs", "1", "--num-threads", "1", "--device", "cpu"]
     flags += ["--env-kwargs", "max_episode_steps:1", "-params", *TINY, "callback:null"]
-    assert train_cli.main(["--algo", request.param, "--seed", "1", "-f", str(logs), "--verbose", "0", *flags]) == 0
+    assert (
+        train_cli.main(
+            [
+                "--algo",
+                request.param,
+                "--env",
+                "WamStereoReach-v0",
+                "--seed",
+                "1",
+                "-f",
+                str(logs),
+                "--verbose",
+                "0",
+                *flags,
+            ]
+        )
+        == 0
+    )
     return logs / request.param / "WamStereoReach-v0_1"
 
 
