@@ -56,7 +56,22 @@ def test_a_run_is_recorded_with_the_steps_that_its_model_was_trained_for(
     monkeypatch.setattr(benchmarks, "RESULTS", tmp_path / "results")
     for module in (looks, session):
         monkeypatch.setattr(module, "test_starts", lambda *_: random_starts(2, seed=0))
-    arguments = ["--algo", "dqn", "-n", "6", "--seed", "3", "--eval-freq", "-1", "--verbose", "0", "-f", str(logs)]
+    arguments = [
+        "--algo",
+        "dqn",
+        "--env",
+        "WamStereoReach-v0",
+        "-n",
+        "6",
+        "--seed",
+        "3",
+        "--eval-freq",
+        "-1",
+        "--verbose",
+        "0",
+        "-f",
+        str(logs),
+    ]
     arguments += ["--env-kwargs", "max_episode_steps:2", "-params", "learning_starts:4", "batch_size:4"]
     assert train_cli.main([*arguments, "buffer_size:50", "callback:null"]) == 0
     run = str(logs / "dqn" / "WamStereoReach-v0_1")
