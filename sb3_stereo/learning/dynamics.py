@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from sb3_stereo.learning.off_policy import OffPolicyMixin
@@ -19,7 +20,8 @@ class DynamicsMixin(OffPolicyMixin):
         args: Of the algorithm.
         dynamics_steps: Updates of the encoder at each training, as `gradient_steps` counts those of the agent.
         pretraining: As in `OffPolicyMixin`; "dynamics" is the number of updates of the encoder, which come first.
-        kwargs: Of the algorithm and of `OffPolicyMixin`.
+        exploration: As in `OffPolicyMixin`.
+        kwargs: Of the algorithm.
 
     Raises:
         ValueError: If these settings and the policy's `encoder_loss` contradict each other.
@@ -29,11 +31,18 @@ class DynamicsMixin(OffPolicyMixin):
     policy: Any  # with `dynamics` and `encoder`
     replay_buffer: Any  # a `StereoReplayBuffer` where there are heads
 
-    def __init__(self, *args: Any, dynamics_steps: int = 0, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        dynamics_steps: int = 0,
+        pretraining: Mapping[str, float] | None = None,
+        exploration: Mapping[str, float] | None = None,
+        **kwargs: Any,
+    ) -> None:
         if dynamics_steps < 0:
             raise ValueError(f"dynamics_steps must not be negative, got {dynamics_steps}")
         self.dynamics_steps = dynamics_steps
-        super().__init__(*args, **kwargs)
+        super().__init__(*args, pretraining=pretraining, exploration=exploration, **kwargs)
 
     @property
     def heads(self) -> DynamicsHeads | None:
