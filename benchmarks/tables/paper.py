@@ -41,6 +41,8 @@ def paper_dqn(gamma: float) -> Row:
 
 ROWS = (
     Row("ours_ddpg", "ddpg", "**DDPG, ours**", ("--eval-freq", "500"), OUR_CHECKPOINTS),
+    # The same settings since the update is written out in `StereoDDPG`, which draws its samples in another order.
+    Row("ours_stereo_ddpg", "ddpg", "**DDPG, ours, as StereoDDPG**", ("--eval-freq", "500"), OUR_CHECKPOINTS),
     paper_ddpg(0.99, "channel"),
     paper_dqn(0.2),
     Row("ours_dqn", "dqn", "**DQN, ours**", (), DQN_CHECKPOINTS),

@@ -75,7 +75,7 @@ def _distances(row: Row) -> list[str]:
     return [
         line_of(["distance at success, cm: median", *map(mean, median)]),
         line_of(["distance at success, cm: 95 %", *map(mean, quantile_95)]),
-        line_of(["success within 5 cm, %", *map(with_interval, near)]),
+        line_of(["success within 5 cm, %", *(with_interval(values[: 0 if np.isnan(values).any() else None]) for values in near)]),
     ]
 
 

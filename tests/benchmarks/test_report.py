@@ -14,6 +14,8 @@ from benchmarks.tables.cells import Row, read, train_missing, write
 from benchmarks.tables.paper import ROWS
 from benchmarks.tables.report import write_report
 from benchmarks.tables.row_tables import matrix
+from benchmarks.tables.v1 import ROWS as V1_ROWS
+from benchmarks.tables.v1 import write_v1
 from sb3_stereo.evaluation.intervals import interval
 from sb3_stereo.tuning import trials
 
@@ -143,6 +145,20 @@ def test_the_best_possible_stands_above_the_tables(records: Path) -> None:
     (records / "results" / "optimum.csv").write_text("pose,steps\n1,3\n0,1\n2,1\n")
     text = write_report([ROW], records).read_text()
     assert "with 1.67 steps on average (2 in 1, 0 in 2, 1 in 3; a search" in text
+
+
+def test_the_report_of_version_1_is_that_of_the_committed_records_and_quoted_in_the_readme(tmp_path: Path) -> None:
+    root = Path(__file__).parents[2]
+    report = write_v1(tmp_path).read_text()
+    assert report == (root / "benchmarks" / "V1.md").read_text()
+    quoted = (root / "README.md").read_text().split("<!-- v1 -->\n")[1].split("<!-- end of v1 -->")[0]
+    assert quoted.count("|") > 20 and quoted in report
+
+
+def test_the_rows_of_version_1_can_be_trained() -> None:
+    for row in V1_ROWS:
+        config = row.config()
+        assert config.env_id.endswith("-v1") and config.n_timesteps == row.checkpoints[-1]
 
 
 def test_the_readme_quotes_the_committed_report() -> None:
