@@ -75,8 +75,12 @@ def _distances(row: Row) -> list[str]:
     return [
         line_of(["distance at success, cm: median", *map(mean, median)]),
         line_of(["distance at success, cm: 95 %", *map(mean, quantile_95)]),
-        line_of(["success within 5 cm, %", *(with_interval(values[: 0 if np.isnan(values).any() else None]) for values in near)]),
+        line_of(["success within 5 cm, %", *map(_with_interval_if_known, near)]),
     ]
+
+
+def _with_interval_if_known(values: Floats) -> str:
+    return "–" if np.isnan(values).any() else with_interval(values)
 
 
 def _published(row: Row, name: str, which: int) -> list[str]:
