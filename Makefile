@@ -23,7 +23,7 @@ train: $(STAMP) ## train our DDPG agent and evaluate it (ARGS="--algo dqn --seed
 	$(PYTHON) train.py $(ARGS)
 
 test: $(STAMP) ## run the tests (ARGS="-k config")
-	$(PYTHON) -m pytest -q -m "not slow and not zoo" $(ARGS)
+	$(PYTHON) -m pytest -q -n 2 --dist loadfile -m "not slow and not zoo" $(ARGS)
 
 test-slow: $(STAMP) ## run the slow tests
 	$(PYTHON) -m pytest -q -m "slow and not zoo" $(ARGS)

@@ -87,18 +87,17 @@ def set_threads(num_threads: int = -1) -> int:
 
 @contextmanager
 def threads_for(num_threads: int = -1, interval: float = 5.0) -> Iterator[int]:
-    """Set torch's number of threads, and with -1 follow the free cores meanwhile: what else runs comes and goes.
+    """Set torch's number of threads meanwhile; -1 follows the free cores, as what else runs comes and goes.
 
     Args:
         num_threads: As of `set_threads`.
         interval: Seconds after which the next gradient step counts the free cores anew.
     """
+    import torch as th
     from torch.optim.optimizer import register_optimizer_step_post_hook
 
+    before = th.get_num_threads()
     n = set_threads(num_threads)
-    if num_threads > 0:
-        yield n
-        return
     watch, due = CoreWatch(), time.monotonic() + interval
 
     def follow(*_: object) -> None:
@@ -107,8 +106,10 @@ def threads_for(num_threads: int = -1, interval: float = 5.0) -> Iterator[int]:
             set_threads(watch.free_cores())
             due = time.monotonic() + interval
 
-    hook = register_optimizer_step_post_hook(follow)
+    hook = register_optimizer_step_post_hook(follow) if num_threads <= 0 else None
     try:
         yield n
     finally:
-        hook.remove()
+        if hook:
+            hook.remove()
+        th.set_num_threads(before)

@@ -115,7 +115,10 @@ class Range:
         """Return values whose check stands for that of all: both ends, and what lies between."""
         if self.step and self.n_values <= 20:
             return self.steps or ()
-        return (self.settle(self.low), self.settle(self.high), self.draw(0.31), self.draw(0.62))
+        ends = (self.settle(self.low), self.settle(self.high))
+        if self.step:  # of two neighbours, one at least is a fraction, unless all are whole
+            return (*ends, self._multiple(self._multiples[0] + 1), self.draw(0.31))
+        return (*ends, self.draw(0.31), self.draw(0.62))
 
     @property
     def _multiples(self) -> tuple[int, int]:

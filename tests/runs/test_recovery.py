@@ -67,7 +67,7 @@ def killed(logs: Path, at: int = 19, **changes: Any) -> Path:
     """A run that was killed: at step 19 after the snapshot at 16."""
     Kill.at = at
     with pytest.raises(Killed):
-        train(config(), options(logs, **changes))
+        train(config(), options(logs, **changes), {"num_threads": 1})
     return logs / "ddpg" / f"{ENV}_1"
 
 

@@ -44,16 +44,25 @@ def test_what_this_process_uses_is_free_for_it() -> None:
     assert 0.3 - tick <= after - before <= (os.cpu_count() or 1) * (now - then) + tick
 
 
-def test_threads_follow_the_free_cores_and_stay_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = iter([3, 2, 1, 4])
+@pytest.mark.parametrize("n_threads", [-1, 3])
+def test_the_number_of_threads_is_put_back_afterwards(n_threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(CoreWatch, "free_cores", lambda self: 2)
+    th.set_num_threads(1)
+    with threads_for(n_threads, interval=0.0) as n:
+        optimizer_step()
+        assert th.get_num_threads() == n > 1
+    optimizer_step()
+    assert th.get_num_threads() == 1
+
+
+def test_threads_follow_the_free_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = iter([3, 2, 1])
     monkeypatch.setattr(CoreWatch, "free_cores", lambda self: next(found))
     with threads_for(-1, interval=0.0) as n:
         assert n == th.get_num_threads() == 3
         for expected in (2, 1):
             optimizer_step()
             assert th.get_num_threads() == expected
-    optimizer_step()
-    assert th.get_num_threads() == 1
 
 
 def test_between_two_counts_an_interval_passes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,6 +58,10 @@ def refusal(tmp_path: Path, **changes: Any) -> str:
             {"distribution": "q_uniform", "min": 8, "max": 16, "q": 0.5},
             "q_uniform draws fractions, and {}; use a whole q",
         ),
+        (  # both ends are whole, and so is much between
+            {"distribution": "q_log_uniform_values", "min": 1, "max": 189, "q": 0.5},
+            "q_log_uniform_values draws fractions, and {}; use a whole q",
+        ),
     ],
 )
 @pytest.mark.parametrize("search", SEARCHES)
