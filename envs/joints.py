@@ -68,7 +68,7 @@ def make_joints(spec: ArmSpec, moving: Mapping[str, Sequence[Any]], mimics: Mapp
         mimics: What the mimic joints among them follow.
 
     Raises:
-        ValueError: If a held joint is outside its limits, or a mimic joint is told to be elsewhere.
+        ValueError: If a held joint is outside its limits, or a mimic joint is given another angle.
     """
     names, file = list(moving), quoted(spec.urdf)
     gearing, offsets = np.zeros((len(names), len(spec.joints))), np.zeros(len(names))
@@ -123,9 +123,9 @@ def _held_at(name: str, mimic: Mimic | None, rest: Mapping[str, float]) -> float
     if mimic is None:
         return rest.get(name, 0.0)
     position = mimic.multiplier * rest.get(mimic.leader, 0.0) + mimic.offset
-    told = rest.get(name, position)
-    what = f"rest has {quoted(name)} at {told:g}, which mimics {quoted(mimic.leader)} and so is at {position:g}"
-    require(abs(told - position) <= ROUNDING, f"{what}; leave it out")
+    angle = rest.get(name, position)
+    what = f"rest has {quoted(name)} at {angle:g}, which mimics {quoted(mimic.leader)} and so is at {position:g}"
+    require(abs(angle - position) <= ROUNDING, f"{what}; leave it out")
     return position
 
 

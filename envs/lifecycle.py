@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.capture import Capture, Floats
 from sb3_stereo.envs.composite import Observation
-from sb3_stereo.envs.sight import Floats, Sight
 from sb3_stereo.envs.world import World
 
 Value = TypeVar("Value")
@@ -39,7 +39,7 @@ class SavedState:
     """What `save_state` returns: the key of the world's state, and what the environment remembers besides."""
 
     target_position: Floats
-    sight: Sight
+    captured: Capture
 
 
 class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -50,19 +50,19 @@ class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     _world: Lasting[World] = Lasting()
     _target_position: Lasting[Floats] = Lasting()
-    _sight: Lasting[Sight] = Lasting()
+    _captured: Lasting[Capture] = Lasting()
 
     def close(self) -> None:
         """Disconnect from Bullet; a second call does nothing."""
         attributes = vars(self)
         if "_world" in attributes:
             self._world.close()
-        for name in ("_world", "_target_position", "_sight"):
+        for name in ("_world", "_target_position", "_captured"):
             attributes.pop(name, None)
 
     def save_state(self) -> SavedState:
         """Everything that the coming steps depend on. Free it with `remove_state`."""
-        state = SavedState(self._target_position, self._sight)
+        state = SavedState(self._target_position, self._captured)
         self._world.save(state)
         return state
 
@@ -73,7 +73,7 @@ class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: If another environment saved it, or it is removed.
         """
         self._world.restore(state)
-        self._target_position, self._sight = state.target_position, state.sight
+        self._target_position, self._captured = state.target_position, state.captured
 
     def remove_state(self, state: SavedState) -> None:
         """Free a saved state.

@@ -23,13 +23,13 @@ from sb3_stereo.envs.arguments import (
 )
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera, CameraSpec, camera_specs, mirror_each_other, plain_cameras
+from sb3_stereo.envs.capture import Floats, Image
 from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.lifecycle import SimulatedEnv
 from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.markers import Blobs
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
-from sb3_stereo.envs.sight import Floats, Image
 from sb3_stereo.envs.specs import plain, quoted, require
 from sb3_stereo.envs.validation import fit
 from sb3_stereo.envs.world import World
@@ -214,17 +214,17 @@ class StereoReachEnv(SimulatedEnv):
             ValueError: If an option is unknown, malformed, outside the joint limits, or a pose that collides; or if
                 there is no random pose to begin from. A reset that is refused changes nothing.
         """
-        told = checked_reset_options(options)
+        checked = checked_reset_options(options)
         seed = checked_seed(seed)
         with self._unchanged_by_errors():
             super().reset(seed=seed)
-            self._begin(told)
-        return self.composite(self._sight.frames), self._info(self._at_goal())
+            self._begin(checked)
+        return self.composite(self._captured.frames), self._info(self._at_goal())
 
-    def look(self) -> Observation:
+    def capture(self) -> Observation:
         """What the cameras see of the arm as it stands, as an observation."""
-        self._look()
-        return self.composite(self._sight.frames)
+        self._capture()
+        return self.composite(self._captured.frames)
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
@@ -235,13 +235,13 @@ class StereoReachEnv(SimulatedEnv):
         Raises:
             ValueError: If the action has another shape or is not finite.
         """
-        previous = self._sight
+        previous = self._captured
         efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
         self._pulse(efforts.tolist())
-        self._look()
+        self._capture()
         goal = self._at_goal()
-        changes = rewards.distance_change(previous.distances, self._sight.distances, self.distance_scale)
-        return self.composite(self._sight.frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+        changes = rewards.distance_change(previous.distances, self._captured.distances, self.distance_scale)
+        return self.composite(self._captured.frames), rewards.reward(changes, goal), goal, False, self._info(goal)
 
     def _pulse(self, efforts: list[float]) -> None:
         """Apply the efforts, in [N m], as long as a pulse lasts; whoever watches pulses looks on its way."""
@@ -276,37 +276,37 @@ class StereoReachEnv(SimulatedEnv):
             red: 255 where the image shows the end effector's marker, else 0, (height, width) of the frame, uint8.
             blue: Likewise the target's.
         """
-        return self._world.eyes.locate(view, red, blue)
+        return self._world.rig.locate(view, red, blue)
 
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
-        return self._world.eyes.draw(self._target_position)
+        return self._world.rig.draw(self._target_position)
 
     def draw_pose(self, positions: ArrayLike) -> tuple[Image, ...]:
         """The same of the actuated joints at `positions`, (n_joints,), free or not, with the default target."""
         self.arm.rest_at(vector("positions", positions, len(self.arm.limits)))
-        return self._world.eyes.draw(self._default_target)
+        return self._world.rig.draw(self._default_target)
 
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
-        frames = self._sight.frames
+        frames = self._captured.frames
         return np.hstack([frame[:, :, :3] for frame in frames]) if self.render_mode == "rgb_array" else None
 
     # ------------------------------------------------------------------------------------------------ the start
-    def _begin(self, told: Mapping[str, Any]) -> None:
+    def _begin(self, options: Mapping[str, Any]) -> None:
         """Place the target, then the arm."""
-        if self.random_target and "target_position" not in told:
+        if self.random_target and "target_position" not in options:
             self._draw_target()
         else:
-            self._target_position = bounded("target_position", told.get("target_position", self._default_target), 3)
-        if "joint_positions" in told:
-            self._place_arm_as_told("joint_positions", told["joint_positions"])
+            self._target_position = bounded("target_position", options.get("target_position", self._default_target), 3)
+        if "joint_positions" in options:
+            self._place_arm("joint_positions", options["joint_positions"])
         elif self._initial_positions is not None:
-            self._place_arm_as_told("initial_positions", self._initial_positions)
+            self._place_arm("initial_positions", self._initial_positions)
         else:
             self._place_arm_at_random()
 
-    def _place_arm_as_told(self, name: str, value: ArrayLike) -> None:
+    def _place_arm(self, name: str, value: ArrayLike) -> None:
         """Rest the arm at the `value` of the option `name`, shape (n_joints,), in [rad], and look."""
         positions = vector(name, value, len(self.arm.limits))
         low, high = self.arm.limits.T
@@ -318,15 +318,15 @@ class StereoReachEnv(SimulatedEnv):
             touching = "; ".join(sorted(self.arm.contacts()))
             clear = "choose a pose clear of the arm itself and the floor"
             raise ValueError(f"{name} {positions.tolist()} collide ({touching}); {clear}")
-        self._look()
+        self._capture()
 
     def _checked_start(self, value: ArrayLike) -> Floats:
         """`initial_positions`, shape (n_joints,), where the arm is free, and away from a target that is not drawn."""
         self._target_position = self._default_target
-        self._place_arm_as_told("initial_positions", value)
+        self._place_arm("initial_positions", value)
         away = self.random_target or not self._at_goal()
         require(away, f"initial_positions {quoted(value)} are a goal already; choose a pose away from the target")
-        del self._target_position, self._sight  # the episode begins with `reset`
+        del self._target_position, self._captured  # the episode begins with `reset`
         return self.arm.actuated_positions
 
     def _place_arm_at_random(self) -> None:
@@ -334,7 +334,7 @@ class StereoReachEnv(SimulatedEnv):
         for _ in range(MAX_DRAWS):
             if self._place_arm_anywhere():
                 n_free += 1
-                self._look()
+                self._capture()
                 if not self._at_goal():
                     return
         self._check_room(n_free)
@@ -348,7 +348,7 @@ class StereoReachEnv(SimulatedEnv):
             if self._place_arm_anywhere():
                 n_free += 1
                 self._target_position = self.arm.end_effector_position
-                self._look()
+                self._capture()
                 if self._at_goal():
                     return
         self._check_room(n_free)
@@ -367,19 +367,19 @@ class StereoReachEnv(SimulatedEnv):
         return self._world.place_arm(self.np_random.uniform(low, high))
 
     # ------------------------------------------------------------------------------------------------ the view
-    def _look(self) -> None:
-        self._sight = self._world.eyes.look(self._target_position)
+    def _capture(self) -> None:
+        self._captured = self._world.rig.capture(self._target_position)
 
     def _at_goal(self) -> bool:
-        return rewards.is_goal(self.success_distances(self._sight.offsets), self.rho)
+        return rewards.is_goal(self.success_distances(self._captured.offsets), self.rho)
 
     def _info(self, goal: bool) -> dict[str, Any]:
         return {
             "is_success": goal,
-            "pixel_distances": self._sight.distances.copy(),
-            "pixel_offsets": self._sight.offsets.copy(),
+            "pixel_distances": self._captured.distances.copy(),
+            "pixel_offsets": self._captured.offsets.copy(),
             "joint_positions": self.arm.joint_positions,
-            "distance": float(np.linalg.norm(self._sight.end_effector_position - self._target_position)),
-            "end_effector_position": self._sight.end_effector_position,
+            "distance": float(np.linalg.norm(self._captured.end_effector_position - self._target_position)),
+            "end_effector_position": self._captured.end_effector_position,
             "target_position": self._target_position.copy(),
         }

@@ -12,11 +12,11 @@ import pybullet
 
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera, CameraSpec
+from sb3_stereo.envs.capture import CameraRig, Floats
 from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.mirror import mirrored_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import add_floor, empty_world
-from sb3_stereo.envs.sight import Eyes, Floats
 from sb3_stereo.envs.specs import quoted, require
 
 
@@ -57,7 +57,7 @@ class World:
         if self.damping is not None:
             self.arm.set_damping(self.damping)
         self.mirrored_joints = mirrored_joints(self.arm)
-        self.eyes = Eyes(client, self.cameras, self.arm, self.markers)
+        self.rig = CameraRig(client, self.cameras, self.arm, self.markers)
         self._start = client.saveState()
         self._saved: WeakKeyDictionary[object, int] = WeakKeyDictionary()
 

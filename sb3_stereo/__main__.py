@@ -12,7 +12,7 @@ COMMANDS = {
     "check": "check an environment before training on it, e.g. with your own arm",
     "plot": "plot the learning curves of runs",
     "sweep": "search hyper-parameters, on one machine or a cluster",
-    "play_images": "detect the markers in ordinary images and print the agent's joint torques",
+    "predict": "detect the markers in ordinary images and print the agent's joint torques",
 }
 
 USAGE = "\n".join(

@@ -49,7 +49,7 @@ class Bar:
             self.pbar = None
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line on stdout, above a bar if there is one."""
     try:
         from tqdm import tqdm

@@ -25,7 +25,7 @@ RENAMED = {
     "learners": "policies.sac_ppo",
     "models": "runs.models",
     "motion": "learning.callbacks",
-    "play_images": "commands.play_images",
+    "play_images": "commands.predict",
     "plot": "commands.plot",
     "sweep": "commands.sweep",
     "train": "commands.train",

@@ -1,4 +1,4 @@
-"""Baselines without learning, from the same test starts as the agents.
+"""Baselines without learning, from the same test initial states as the agents.
 
     python -m benchmarks.analysis.baselines
 
@@ -26,15 +26,25 @@ from benchmarks.analysis.optimum import MAX_STEPS, plan_all
 from benchmarks.analysis.rollouts import BlindSimulation, Floats, constant_action, episode_cap, play, random_actions
 from benchmarks.tables.cells import read
 from sb3_stereo.config.schema import Config
-from sb3_stereo.console import say
+from sb3_stereo.console import print_line
 from sb3_stereo.envs.specs import plain
-from sb3_stereo.evaluation.protocol import Evaluation, Start, nan_mean, random_starts, summarise, test_starts
+from sb3_stereo.evaluation.protocol import (
+    Evaluation,
+    InitialState,
+    eval_initial_states,
+    nan_mean,
+    random_initial_states,
+    summarise,
+)
 from sb3_stereo.runs.creation import versions
 from sb3_stereo.runs.files import replacing
 from sb3_stereo.runtime import available_cores
 
 N_RANDOM = 3  # policies of random actions, whose scores are averaged
-N_CHOICE, CHOICE_SEED = 50, 1  # starts on which a constant action is chosen; those of other arms' tests have seed 0
+N_CHOICE, CHOICE_SEED = (
+    50,
+    1,
+)  # initial states on which a constant action is chosen; those of other arms' tests have seed 0
 N_GOAL_POSES = 200_000
 NEAR = 5.0  # [cm], the threshold of panda-gym and of Fetch
 SCORES = (
@@ -63,9 +73,9 @@ class Task:
         """Make the environment."""
         return gym.make(f"sb3_stereo:{self.env_id}", **self.env_kwargs)
 
-    def test_starts(self) -> list[Start]:
-        """The starts that its agents are scored from."""
-        return test_starts(self.env_id, self.env_kwargs)
+    def eval_initial_states(self) -> list[InitialState]:
+        """The initial states that its agents are scored from."""
+        return eval_initial_states(self.env_id, self.env_kwargs)
 
     @property
     def record(self) -> Path:
@@ -116,7 +126,7 @@ def line(kind: str, baseline: str, scores: Sequence[Evaluation], action: Iterabl
     Args:
         kind: A key of `BASELINES`.
         baseline: How the tables call it.
-        scores: Of which the means are recorded; steps when reached over those that have some.
+        scores: Of which the means are recorded; episode length (successes) over those that have some.
         action: If it is always the same.
     """
     means = {name: nan_mean([getattr(score, name) for score in scores]) for name in SCORES}
@@ -133,15 +143,15 @@ def line(kind: str, baseline: str, scores: Sequence[Evaluation], action: Iterabl
 def score_random(task: Task, n_workers: int) -> list[Line]:
     """Random actions, the mean over some seeds."""
     with closing(task.make()) as env:
-        scores = [play(env, task.test_starts(), random_actions(env, seed)) for seed in range(N_RANDOM)]
+        scores = [play(env, task.eval_initial_states(), random_actions(env, seed)) for seed in range(N_RANDOM)]
     return [line("random", "random actions", scores)]
 
 
 def score_constant(task: Task, n_workers: int) -> list[Line]:
     """The best constant action, of those of a DQN and of all."""
     with closing(task.make()) as env:
-        chosen = best_constant(env, random_starts(N_CHOICE, CHOICE_SEED))
-        scores = [play(env, task.test_starts(), constant_action(action)) for action in chosen]
+        chosen = best_constant(env, random_initial_states(N_CHOICE, CHOICE_SEED))
+        scores = [play(env, task.eval_initial_states(), constant_action(action)) for action in chosen]
     names = "best constant action of DQN's 81", "best constant action"
     return [line("constant", name, [score], action) for name, score, action in zip(names, scores, chosen, strict=True)]
 
@@ -150,7 +160,7 @@ def score_any_constant(task: Task, n_workers: int) -> list[Line]:
     """Each constant action of a DQN's, on average: what a network that ignores the image reaches by chance."""
     with closing(task.make()) as env:
         cap = episode_cap(env)
-        every = any_constant(env, task.test_starts())  # (n_actions, n_starts)
+        every = any_constant(env, task.eval_initial_states())  # (n_actions, n_starts)
     unknown = np.full(every.shape[1], np.nan)
     scores = [summarise(steps < cap, steps, unknown, unknown, cap) for steps in every]
     return [line("any constant", "some constant action of DQN's 81", scores)]
@@ -159,7 +169,7 @@ def score_any_constant(task: Task, n_workers: int) -> list[Line]:
 def score_jacobian(task: Task, n_workers: int) -> list[Line]:
     """The controller of `benchmarks.analysis.jacobian`."""
     with closing(task.make()) as env:
-        score = play(env, task.test_starts(), JacobianController(env.unwrapped))
+        score = play(env, task.eval_initial_states(), JacobianController(env.unwrapped))
     return [line("jacobian", "Jacobian controller that knows the state", [score])]
 
 
@@ -167,7 +177,7 @@ def score_planner(task: Task, n_workers: int) -> list[Line]:
     """The planner of `benchmarks.analysis.optimum`."""
     with closing(task.make()) as env:
         cap = episode_cap(env)
-    steps = np.array(plan_all(task.env_id, task.env_kwargs, task.test_starts(), n_workers))
+    steps = np.array(plan_all(task.env_id, task.env_kwargs, task.eval_initial_states(), n_workers))
     unknown = np.full(len(steps), np.nan)
     score = summarise(steps <= MAX_STEPS, steps, unknown, unknown, cap)
     return [line("planner", "planner that knows the simulator", [score])]
@@ -205,7 +215,7 @@ def measure(task: Task, kinds: Iterable[str], n_workers: int) -> None:
             lines += BASELINES[kind](task, n_workers)
             lines.sort(key=lambda known: list(BASELINES).index(known["kind"]))
             write_lines(task.record, lines)
-            say(f"{task.label}, {kind}: recorded")
+            print_line(f"{task.label}, {kind}: recorded")
 
 
 def goal_distances(env: Any, targets: Floats, n_poses: int, seed: int = 0) -> Floats:
@@ -235,13 +245,13 @@ def measure_goal(task: Task) -> None:
     if task.name in {known["task"] for known in lines}:
         return
     with closing(task.make()) as env:
-        targets = np.unique([env.reset(**start)[1]["target_position"] for start in task.test_starts()], axis=0)
+        targets = np.unique([env.reset(**start)[1]["target_position"] for start in task.eval_initial_states()], axis=0)
         far = 100 * goal_distances(env.unwrapped, targets, N_GOAL_POSES)
     median, most = np.quantile(far, [0.5, 0.95])
     within = np.mean(far <= NEAR)
     measured = {"median_cm": f"{median:.4g}", "quantile_95_cm": f"{most:.4g}", "within_5_cm": f"{within:.4g}"}
     write_lines(goal_record(), [*lines, {"task": task.name, **measured, "n_goals": str(len(far))}])
-    say(f"{task.label}: a goal is a median of {median:.1f} cm from the target")
+    print_line(f"{task.label}: a goal is a median of {median:.1f} cm from the target")
 
 
 def goal_record() -> Path:

@@ -26,7 +26,7 @@ from sb3_stereo.building.factory import make_env
 from sb3_stereo.commands.flags import Parser, run_command
 from sb3_stereo.config.schema import Config
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.evaluation.protocol import random_starts, test_starts
+from sb3_stereo.evaluation.protocol import eval_initial_states, random_initial_states
 from sb3_stereo.policies.shared_encoder import SharedEncoderView
 from sb3_stereo.runs.directory import load_record, model_path
 from sb3_stereo.runs.models import load_model, untrained_model
@@ -50,7 +50,7 @@ class Error(NamedTuple):
 
 def collect(env: gym.Env[Any, Any], n_poses: int, seed: int) -> tuple[list[Any], dict[str, Floats]]:
     """Observations at random poses, and by the points' names where they are, (n_poses, 3) in [m]."""
-    resets = [env.reset(**start) for start in random_starts(n_poses, seed)]
+    resets = [env.reset(**start) for start in random_initial_states(n_poses, seed)]
     return [image for image, _ in resets], {
         name: np.array([info[key] for _, info in resets]) for name, key in POINTS.items()
     }
@@ -112,10 +112,10 @@ def _ridge(features: Floats, positions: Floats, n_fit: int, alpha: float) -> Flo
     return np.asarray(np.linalg.norm(inputs[n_fit:] @ weights + mean - positions[n_fit:], axis=1))
 
 
-def final_distances(model: Any, env: gym.Env[Any, Any], starts: Sequence[Any]) -> Floats:
+def final_distances(model: Any, env: gym.Env[Any, Any], initial_states: Sequence[Any]) -> Floats:
     """Distance between end effector and target at the end of the episode from each start, (n_starts,) in [m]."""
     distances = []
-    for start in starts:
+    for start in initial_states:
         observation, info = env.reset(**start)
         ended = False
         while not ended:
@@ -155,7 +155,7 @@ def probe(config: Config, model_file: Path, n_poses: int = 5000, seed: int = 0) 
             continue  # a target that never moves is no question
         errors += [_error(point, source, read_positions(values, where)) for source, values in features.items()]
         errors.append(_error(point, "a guess", read_positions(np.zeros((len(where), 1)), where)))
-    apart = final_distances(model, env, test_starts(config.env_id, config.env_kwargs))
+    apart = final_distances(model, env, eval_initial_states(config.env_id, config.env_kwargs))
     env.close()
     return [*errors, _error("end effector to target", "at the end of the test episodes", apart)]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks.analysis.people import BACKGROUNDS, COMPANY, Scene, draw_scene
 from sb3_stereo.building.factory import make_env
 from sb3_stereo.envs.markers import find_blobs
-from sb3_stereo.evaluation.protocol import evaluate, test_poses, test_starts
+from sb3_stereo.evaluation.protocol import eval_initial_states, eval_poses, evaluate
 from sb3_stereo.real_images.detection import Detection, detect, observe
 from sb3_stereo.real_images.sources import fit
 from sb3_stereo.runs.directory import load_record, model_path
@@ -109,7 +109,7 @@ PHOTOGRAPHS: Mapping[str, Disturbance] = {
 
 
 class DisturbedViews(gym.ObservationWrapper[Any, Any, Any]):
-    """What `play_images` would show a policy in place of the environment's own composite."""
+    """What `predict` would show a policy in place of the environment's own composite."""
 
     def __init__(self, env: gym.Env[Any, Any], disturb: Disturbance) -> None:
         super().__init__(env)
@@ -130,7 +130,7 @@ def rendered(env: gym.Env[Any, Any]) -> list[Image]:
 def pose_frames(n_poses: int = 100) -> list[Image]:
     """Both views of test poses, with targets all over the workspace."""
     env, rng, frames = gym.make(ENV_ID), np.random.default_rng(0), []
-    for pose in test_poses(ENV_ID)[:n_poses]:
+    for pose in eval_poses(ENV_ID)[:n_poses]:
         target = rng.uniform((0.2, -0.5, 0.2), (0.7, 0.5, 1.0))
         env.reset(options={"joint_positions": pose, "target_position": target})
         frames += rendered(env)
@@ -198,7 +198,7 @@ def reached(run: str, disturb: Disturbance, n_poses: int) -> list[str]:
     config, _ = load_record(run)
     model = load_model(config, model_path(run, config.env_id, best=True), "cpu")
     make = make_env(config.env_id, config.env_kwargs, config.env_wrapper)
-    score = evaluate(model, lambda: DisturbedViews(make(), disturb), test_starts(config.env_id)[:n_poses])
+    score = evaluate(model, lambda: DisturbedViews(make(), disturb), eval_initial_states(config.env_id)[:n_poses])
     return [f"{100 * score.success_rate:.0f}", f"{score.mean_steps_capped:.1f}"]
 
 
@@ -213,7 +213,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     args = parser.parse_args(argv)
     frames = pose_frames()
     head = ["disturbance", "moved, median px", "95 %", "most", "missed", "undecided", "imagined"]
-    head += ["reached, %", "steps, failures as 30"] if args.model else []
+    head += ["reached, %", "episode length, failures as 30"] if args.model else []
     print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
     for name, disturb in DISTURBANCES.items():
         cells = found(frames, disturb) + (reached(args.model, disturb, args.poses) if args.model else [])

@@ -24,7 +24,7 @@ from torch import nn
 from sb3_stereo.building.factory import make_env
 from sb3_stereo.commands.flags import Parser, run_command
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.runs.directory import checkpoint_steps, load_record, model_path
 from sb3_stereo.runs.models import load_model
@@ -52,7 +52,7 @@ class Gap(NamedTuple):
     action_gap: float
 
 
-class Sight(NamedTuple):
+class QStatistics(NamedTuple):
     """DQN: what the network makes of the images.
 
     Attributes:
@@ -101,7 +101,7 @@ def compare_statistics(policy: StereoDDPGPolicy, images: Images, batch_size: int
 
 
 @th.no_grad()
-def look_at(policy: DQNPolicy, images: Images) -> Sight:
+def look_at(policy: DQNPolicy, images: Images) -> QStatistics:
     """How differently the network sees the images."""
     policy.set_training_mode(False)
     tensors, _ = policy.obs_to_tensor(np.stack(images))
@@ -110,10 +110,10 @@ def look_at(policy: DQNPolicy, images: Images) -> Sight:
     q_values = network.q_net(features)
     live = (features != features[0]).any(dim=0).float().mean()
     best = q_values.argmax(dim=1).unique()
-    return Sight(float(q_values.mean()), float(q_values.std(dim=0).mean()), float(live), len(best))
+    return QStatistics(float(q_values.mean()), float(q_values.std(dim=0).mean()), float(live), len(best))
 
 
-def diagnose(run: str, n_poses: int, batch_size: int, seed: int) -> Iterator[tuple[int, Gap | Sight]]:
+def diagnose(run: str, n_poses: int, batch_size: int, seed: int) -> Iterator[tuple[int, Gap | QStatistics]]:
     """Every checkpoint of a run: its steps, and what became of its networks.
 
     Raises:
@@ -124,7 +124,7 @@ def diagnose(run: str, n_poses: int, batch_size: int, seed: int) -> Iterator[tup
     if not steps:
         raise ConfigError(f"no checkpoints in '{run}'; train with --save-freq")
     env = make_env(config.env_id, config.env_kwargs, config.env_wrapper)()
-    images = [env.reset(**start)[0] for start in random_starts(n_poses, seed)]
+    images = [env.reset(**start)[0] for start in random_initial_states(n_poses, seed)]
     env.close()
     for step in steps:
         policy: Any = load_model(config, model_path(run, config.env_id, checkpoint=step)).policy

@@ -2,7 +2,7 @@
 
     python -m benchmarks.analysis.looks RUN --name NAME
 
-plays the test starts twice: with the agent's own observations, and with each replaced by one of another episode. An
+plays the test episodes twice: with the agent's own observations, and with each replaced by one of another episode. An
 agent that looks needs its own; one that always does about the same does not notice. The actions' spread says it
 directly: 0 is one action whatever is seen. Writes a line of `benchmarks/results/looks.csv`.
 """
@@ -24,8 +24,8 @@ from benchmarks.analysis.baselines import Line, read_lines, write_lines
 from benchmarks.analysis.rollouts import Floats, Policy, play
 from sb3_stereo.building.factory import make_env
 from sb3_stereo.commands.flags import Parser, run_command
-from sb3_stereo.console import say
-from sb3_stereo.evaluation.protocol import Start, test_starts
+from sb3_stereo.console import print_line
+from sb3_stereo.evaluation.protocol import InitialState, eval_initial_states
 from sb3_stereo.runs.directory import load_record, model_path
 from sb3_stereo.runs.models import load_model
 
@@ -53,26 +53,29 @@ def shuffled(model: Any, episodes: Sequence[Episode], rng: np.random.Generator) 
     return act
 
 
-def look(model: Any, env: gym.Env[Any, Any], starts: Sequence[Start], seed: int = 0) -> dict[str, float]:
+def look(model: Any, env: gym.Env[Any, Any], initial_states: Sequence[InitialState], seed: int = 0) -> dict[str, float]:
     """Score an agent with its own observations and with those of other episodes.
 
     Args:
         model: The agent, with a `predict`.
         env: Its environment, with all wrappers.
-        starts: At least two.
+        initial_states: At least two.
         seed: Of the shuffling.
 
     Returns:
         Success and steps (failures as the cap) of both, the spread of the efforts over its own observations (standard
         deviation, mean over joints, 0 to 1), and the share of its most frequent action.
     """
-    episodes: list[Episode] = [[] for _ in starts]
+    episodes: list[Episode] = [[] for _ in initial_states]
     actions: list[Any] = []
-    own = [play(env, [start], remembering(model, seen, actions)) for start, seen in zip(starts, episodes, strict=True)]
+    own = [
+        play(env, [start], remembering(model, seen, actions))
+        for start, seen in zip(initial_states, episodes, strict=True)
+    ]
     rng = np.random.default_rng(seed)
     others = [
         play(env, [start], shuffled(model, [*episodes[:number], *episodes[number + 1 :]], rng))
-        for number, start in enumerate(starts)
+        for number, start in enumerate(initial_states)
     ]
     efforts = np.array([efforts_of(env, action) for action in actions])  # (n_observations, n_joints)
     _, counts = np.unique(efforts.round(6), axis=0, return_counts=True)
@@ -111,13 +114,13 @@ def looks_command(args: argparse.Namespace) -> int:
     path = model_path(args.run, config.env_id, args.load_best, args.load_checkpoint)
     model = load_model(config, path)
     with closing(make_env(config.env_id, config.env_kwargs, config.env_wrapper)()) as env:
-        scores = look(model, env, test_starts(config.env_id, config.env_kwargs))
+        scores = look(model, env, eval_initial_states(config.env_id, config.env_kwargs))
     key = {"row": args.name, "seed": str(arguments["seed"]), "timesteps": str(trained_steps(path))}
     line: Line = key | {name: f"{value:.6g}" for name, value in scores.items()}
     others = [known for known in read_lines(looks_record()) if any(known[name] != value for name, value in key.items())]
     lines = sorted([*others, line], key=lambda known: (known["row"], int(known["seed"]), int(known["timesteps"])))
     write_lines(looks_record(), lines)
-    say(", ".join(f"{name} {value}" for name, value in line.items()))
+    print_line(", ".join(f"{name} {value}" for name, value in line.items()))
     return 0
 
 

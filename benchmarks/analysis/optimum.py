@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks import RESULTS
 from benchmarks.analysis.rollouts import BlindSimulation, Floats
-from sb3_stereo.evaluation.protocol import Start, test_starts
+from sb3_stereo.evaluation.protocol import InitialState, eval_initial_states
 from sb3_stereo.runtime import available_cores
 
 ENV_ID = "WamStereoReach-v0"
@@ -38,7 +38,7 @@ class Planner:
         self.env: Any = gym.make(f"sb3_stereo:{env_id}", **env_kwargs).unwrapped
         self.blind = BlindSimulation(self.env)
 
-    def fewest_steps(self, start_of_episode: Start, rng: np.random.Generator) -> int:
+    def fewest_steps(self, start_of_episode: InitialState, rng: np.random.Generator) -> int:
         """Steps of the shortest plan found that reaches from a start; `MAX_STEPS + 1` if none does."""
         self.env.reset(**start_of_episode)
         start = self.env.save_state()
@@ -77,10 +77,12 @@ class Planner:
         return any(self.env.step(action)[2] for action in plan)
 
 
-def plan_all(env_id: str, env_kwargs: Mapping[str, Any], starts: Sequence[Start], n_workers: int) -> list[int]:
+def plan_all(
+    env_id: str, env_kwargs: Mapping[str, Any], initial_states: Sequence[InitialState], n_workers: int
+) -> list[int]:
     """Fewest steps found from each start, every one with its own seed."""
     with ProcessPoolExecutor(n_workers, initializer=_make_planner, initargs=(env_id, env_kwargs)) as pool:
-        return list(pool.map(_plan_one, range(len(starts)), starts))
+        return list(pool.map(_plan_one, range(len(initial_states)), initial_states))
 
 
 _planner: Planner  # one per process: making an environment takes longer than many plans
@@ -91,7 +93,7 @@ def _make_planner(env_id: str, env_kwargs: Mapping[str, Any]) -> None:
     _planner = Planner(env_id, env_kwargs)
 
 
-def _plan_one(seed: int, start: Start) -> int:
+def _plan_one(seed: int, start: InitialState) -> int:
     return _planner.fewest_steps(start, np.random.default_rng(seed))
 
 
@@ -103,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--poses", type=int, default=100, help="how many of the test poses (default: all 100)")
     parser.add_argument("--workers", type=int, default=available_cores())
     args = parser.parse_args(argv)
-    steps = plan_all(ENV_ID, {}, test_starts(ENV_ID)[: args.poses], args.workers)
+    steps = plan_all(ENV_ID, {}, eval_initial_states(ENV_ID)[: args.poses], args.workers)
     reached = np.mean(np.array(steps) <= MAX_STEPS)
     print(f"{reached:.0%} reached, {np.mean(steps):.2f} steps on average, counts from 0: {np.bincount(steps)}")
     if args.poses == 100:

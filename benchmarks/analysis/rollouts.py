@@ -7,15 +7,15 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.evaluation.protocol import Evaluation, Start, summarise
+from sb3_stereo.evaluation.protocol import Evaluation, InitialState, summarise
 
 Floats = NDArray[np.float64]
 Policy = Callable[[Any, Mapping[str, Any]], Any]  # from an observation and `info` to an action
 
 
-def play(env: gym.Env[Any, Any], starts: Sequence[Start], policy: Policy) -> Evaluation:
+def play(env: gym.Env[Any, Any], initial_states: Sequence[InitialState], policy: Policy) -> Evaluation:
     """Score a policy, one episode from each start."""
-    records = [_episode(env, start, policy) for start in starts]
+    records = [_episode(env, start, policy) for start in initial_states]
     success, steps, pixels, returns, distance = (np.array(column) for column in zip(*records, strict=True))
     return summarise(success, steps, pixels, returns, episode_cap(env), distance=distance)
 
@@ -26,7 +26,7 @@ def episode_cap(env: gym.Env[Any, Any]) -> int:
     return env.spec.max_episode_steps
 
 
-def _episode(env: gym.Env[Any, Any], start: Start, policy: Policy) -> tuple[bool, int, float, float, float]:
+def _episode(env: gym.Env[Any, Any], start: InitialState, policy: Policy) -> tuple[bool, int, float, float, float]:
     """Success, steps, final pixel distance, return and final distance in [m] of one episode."""
     observation, info = env.reset(**start)
     steps, total, ended = 0, 0.0, False

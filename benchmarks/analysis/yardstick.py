@@ -100,10 +100,10 @@ def look_at(env: Any, distance: float, n_poses: int, seed: int) -> Looks:
 
 def _arm_hides(env: Any, ends: Floats) -> bool:
     """Whether a view shows less than `ENOUGH` of the end effector's or the target's ball where that is the only one."""
-    eyes, alone = env._world.eyes, np.where(np.eye(2)[:, :, None], ends, FAR_AWAY)
+    rig, alone = env._world.rig, np.where(np.eye(2)[:, :, None], ends, FAR_AWAY)
     shares = []
-    for positions, end, body, radius in zip(alone, ends, eyes.markers, eyes.radii, strict=True):
-        eyes.place_markers(*positions)
+    for positions, end, body, radius in zip(alone, ends, rig.markers, rig.radii, strict=True):
+        rig.place_markers(*positions)
         for camera in env.cameras:
             n_pixels = np.count_nonzero(camera.draw()[2] == body)
             shares.append(n_pixels / (np.pi * _looks_as_large(camera.spec, end, radius) ** 2))

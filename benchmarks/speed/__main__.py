@@ -85,7 +85,7 @@ def measure(rounds: int, threads: int) -> dict[str, Any]:
     }
 
 
-def shown(value: float | None) -> str:
+def format_value(value: float | None) -> str:
     """Four digits, or a dash."""
     return "–" if value is None else f"{value:.4g}"
 
@@ -109,13 +109,13 @@ def report(result: dict[str, Any]) -> str:
         "",
         "| ratio | wanted | measured |",
         "| --- | --- | --- |",
-        *(f"| {' | '.join(RATIOS[name])} | {shown(value)} |" for name, value in result["ratios"].items()),
+        *(f"| {' | '.join(RATIOS[name])} | {format_value(value)} |" for name, value in result["ratios"].items()),
         "",
     ]
     for key, title in titles.items():
         if key in result:
             lines += [f"| {title} | |", "| --- | --- |"]
-            lines += [f"| {name} | {shown(value)} |" for name, value in result[key].items()]
+            lines += [f"| {name} | {format_value(value)} |" for name, value in result[key].items()]
             lines += [""]
     if "training_steps_per_second" in result:
         lines += [f"Such a training takes {result['training_steps_per_second']:.3g} environment steps per second.", ""]

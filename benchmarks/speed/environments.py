@@ -65,7 +65,7 @@ def step_parts() -> dict[str, Candidate]:
         for part, owner, name in (
             ("simulation", pybullet, "stepSimulation"),
             ("efforts", pybullet, "setJointMotorControlArray"),
-            ("blobs", inner._world.eyes, "find"),
+            ("blobs", inner._world.rig, "find"),
         )
     ]
     for camera in inner.cameras:

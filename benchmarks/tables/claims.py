@@ -25,7 +25,7 @@ from benchmarks.tables.reference import REFERENCE
 from benchmarks.tables.report import provenance
 from benchmarks.tables.row_tables import line_of, table
 from sb3_stereo.commands.flags import run_command
-from sb3_stereo.console import say
+from sb3_stereo.console import print_line
 from sb3_stereo.runs.directory import model_path
 from sb3_stereo.tuning.records import find_trial
 from sb3_stereo.tuning.report import tell_failures
@@ -52,25 +52,25 @@ def fixed(name: str, label: str, *arguments: str) -> Row:
     return Row(name, "ddpg", f"Fixed target, {label}", (*FIXED, *arguments), OUR_CHECKPOINTS)
 
 
-def drawn(name: str, label: str, *arguments: str, checkpoints: tuple[int, ...] = HALF) -> Row:
-    """Our DDPG on drawn targets."""
+def random(name: str, label: str, *arguments: str, checkpoints: tuple[int, ...] = HALF) -> Row:
+    """Our DDPG on randomised targets."""
     return Row(name, "ddpg", f"Drawn targets, {label}", (*RANDOM, *arguments), checkpoints)
 
 
 BOTH = replace(next(row for row in ROWS if row.name == "ours_ddpg"), label="Fixed target, both views")
 SECTIONS = {
     "Any target": (
-        drawn("random_both", "both views", checkpoints=RANDOM_CHECKPOINTS),
-        drawn("random_luminance", "both views, luminance only", *LUMINANCE),
+        random("random_both", "both views", checkpoints=RANDOM_CHECKPOINTS),
+        random("random_luminance", "both views, luminance only", *LUMINANCE),
     ),
     "Does stereo matter?": (
         BOTH,
         fixed("fixed_both_no_mirror", "both views, nothing mirrored", *NO_MIRROR),
         fixed("fixed_left", "the left view twice", *twice("left")),
         fixed("fixed_right", "the right view twice", *twice("right")),
-        drawn("random_both_no_mirror", "both views, nothing mirrored", *NO_MIRROR),
-        drawn("random_left", "the left view twice", *twice("left")),
-        drawn("random_right", "the right view twice", *twice("right")),
+        random("random_both_no_mirror", "both views, nothing mirrored", *NO_MIRROR),
+        random("random_left", "the left view twice", *twice("left")),
+        random("random_right", "the right view twice", *twice("right")),
     ),
     "Stack or channels?": (fixed("fixed_channels", "a view in each channel", *CHANNELS),),
     "Does the fast path learn the same?": (BOTH, fixed("fixed_reference", "both views, reference path", *REFERENCE)),
@@ -84,11 +84,12 @@ HEAD = """# Claims that the paper does not measure
 
 Written by `python -m benchmarks.tables.claims --report` from the records in `benchmarks/results/`; do not edit.
 
-Success, steps and intervals are those of [RESULTS.md](RESULTS.md); with drawn targets the 100 test poses have a target
-each. An agent that sees one view twice is rewarded and judged by that view alone: its goal is a line of sight, and its
-success is not comparable. What is comparable is the distance in space in the last table. Replay mirrors nothing for
-such an agent, so both views are also measured without the mirror. The reference path is the learner without what makes
-it fast (`benchmarks/reference.py`): NCHW convolutions, an Adam that is not fused.
+Success, episode lengths and intervals are those of [RESULTS.md](RESULTS.md). With randomised targets, each of the 100
+test poses has a target of its own. An agent that is given one view twice is rewarded and judged by that view alone: its
+goal is a line of sight, and its success is not comparable. What is comparable is the distance in space in the last
+table. Such an agent is trained without mirror-symmetry augmentation, so both views are also measured without it. The
+reference path is the learner without what makes it fast (`benchmarks/tables/reference.py`): NCHW convolutions, an Adam
+that is not fused.
 """
 
 
@@ -110,7 +111,7 @@ def probe_missing(rows: Iterable[Row], seeds: Iterable[int], logs: Path, n_poses
             where_from = {"seed": str(seed), "timesteps": str(row.checkpoints[-1])}
             lines = [where_from | {key: str(value) for key, value in error._asdict().items()} for error in errors]
             write(record, [*read(record), *lines])
-            say(f"{row.name}, seed {seed}: {errors[0].point} {errors[0].median:.1f} cm")
+            print_line(f"{row.name}, seed {seed}: {errors[0].point} {errors[0].median:.1f} cm")
 
 
 def depth_lines(row: Row) -> list[str]:

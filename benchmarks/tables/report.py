@@ -22,7 +22,7 @@ HEAD = """# Measured results
 
 Written by `python -m benchmarks.tables.paper --report` from the records in `benchmarks/results/`; do not edit.
 
-Every agent is scored on the same 100 test poses, deterministically. Success is the mean over seeds, with the 95 %
+Every agent is evaluated on the same 100 test poses, deterministically. Success is the mean over seeds, with the 95 %
 bootstrap interval of the mean; steps are averaged over the poses that were reached (failures are not counted), then
 over seeds. |a| is the mean absolute action on the way: near 1 the actor is saturated. "Published" are the paper's
 numbers. The paper leaves open whether its batch normalisation at the input is per channel or per pixel; neither is
@@ -74,7 +74,7 @@ PAIRS = (
 # By column of the records: how the table calls it, its unit, and whether more is better.
 SCORES = {
     "success_rate": ("success, points", 100, True),
-    "mean_steps_capped": ("steps, failures as 30", 1, False),
+    "mean_steps_capped": ("episode length, failures as 30", 1, False),
 }
 
 

@@ -52,7 +52,7 @@ def _row_table(row: Row) -> str:
         line_of(["---"] * (len(row.checkpoints) + 1)),
         line_of(["success, %", *map(with_interval, success)]),
         *_published(row, "published success, %", 0),
-        line_of(["steps when reached", *map(mean, steps)]),
+        line_of(["episode length (successes)", *map(mean, steps)]),
         *_published(row, "published steps", 1),
         *_distances(row),
         line_of(["mean \\|a\\|", *map(mean, actions)]),
@@ -116,7 +116,7 @@ def mean(values: Floats) -> str:
 
 def baseline_table() -> list[str]:
     """A section with what needs no learning, on every task where it is recorded."""
-    head = ["task", "without learning", "success, %", "steps when reached", "steps, failures as 30"]
+    head = ["task", "without learning", "success, %", "episode length (successes)", "episode length, failures as 30"]
     lines = [
         [task.label, entry["baseline"], f"{success_of(entry):.0f}", *steps_of(entry)]
         for task in TASKS

@@ -35,8 +35,8 @@ def check_command(args: argparse.Namespace) -> int:
 
     from sb3_stereo.config.schema import check_env_id, check_env_kwargs
     from sb3_stereo.config.values import parse_assignments
+    from sb3_stereo.envs.diagnosis import describe, diagnose
     from sb3_stereo.envs.reach import StereoReachEnv
-    from sb3_stereo.envs.survey import describe, survey
 
     check_env_id(args.env)
     kwargs = check_env_kwargs(args.env, parse_assignments(args.env_kwargs))
@@ -46,7 +46,7 @@ def check_command(args: argparse.Namespace) -> int:
             raise ConfigError(f"{args.env} has no arm and cameras to measure; take {DEFAULT_ENV} and --env-kwargs")
         if args.output:  # first, as it helps to understand what the measurements refuse
             save_frame(env, args.output)
-        print(describe(survey(env, args.poses, args.steps, args.seed)))
+        print(describe(diagnose(env, args.poses, args.steps, args.seed)))
     env.close()
     return 0
 

@@ -47,7 +47,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.building.factory import VEC_ENVS, make_env
     from sb3_stereo.console import Bar
     from sb3_stereo.evaluation.callback import describe
-    from sb3_stereo.evaluation.protocol import evaluate, random_starts, test_starts
+    from sb3_stereo.evaluation.protocol import eval_initial_states, evaluate, random_initial_states
     from sb3_stereo.runs.directory import import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
 
@@ -56,15 +56,25 @@ def evaluate_command(args: argparse.Namespace) -> int:
     config, _ = load_record(args.run)
     path = model_path(args.run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
-    starts = random_starts(args.poses, args.seed) if args.poses else test_starts(config.env_id, config.env_kwargs)
+    initial_states = (
+        random_initial_states(args.poses, args.seed)
+        if args.poses
+        else eval_initial_states(config.env_id, config.env_kwargs)
+    )
     n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
     model, env_fn = (
         load_model(config, path, args.device, args.trust),
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
     )
-    bar = Bar(len(starts), "pose") if args.verbose else Bar(len(starts), "pose", bar=False, interval=math.inf)
+    bar = (
+        Bar(len(initial_states), "pose")
+        if args.verbose
+        else Bar(len(initial_states), "pose", bar=False, interval=math.inf)
+    )
     try:
-        result = evaluate(model, env_fn, starts, n_envs, VEC_ENVS["subproc" if n_envs > 1 else "dummy"], bar.update)
+        result = evaluate(
+            model, env_fn, initial_states, n_envs, VEC_ENVS["subproc" if n_envs > 1 else "dummy"], bar.update
+        )
     finally:
         bar.close()
     print(json.dumps(json_scores(result.scores())) if args.json else f"{path}: {describe(result)}")

@@ -11,8 +11,8 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo.building.factory import VEC_ENVS
-from sb3_stereo.console import say
-from sb3_stereo.evaluation.protocol import Evaluation, Start, evaluate
+from sb3_stereo.console import print_line
+from sb3_stereo.evaluation.protocol import Evaluation, InitialState, evaluate
 from sb3_stereo.runs.directory import BEST_MODEL, EVALUATIONS
 from sb3_stereo.runs.files import write
 from sb3_stereo.runs.models import save_model
@@ -45,7 +45,7 @@ class PoseEvalCallback(BaseCallback):
 
     Args:
         env_fn: Makes the environment with all its wrappers.
-        starts: Resets to begin from.
+        initial_states: Resets to begin from.
         run_dir: Where `evaluations.csv` and `best_model.zip` go.
         steps: Environment steps at which to score; the end of the training is always scored.
         n_envs: Environments that are stepped together.
@@ -57,7 +57,7 @@ class PoseEvalCallback(BaseCallback):
     def __init__(
         self,
         env_fn: Any,
-        starts: Sequence[Start],
+        initial_states: Sequence[InitialState],
         run_dir: Path,
         steps: Sequence[int] = (),
         n_envs: int = 1,
@@ -67,7 +67,7 @@ class PoseEvalCallback(BaseCallback):
     ) -> None:
         super().__init__(verbose)
         self.env_fn = env_fn
-        self.starts = starts
+        self.initial_states = initial_states
         self.run_dir = run_dir
         self.steps = sorted(steps)
         self.n_envs = n_envs
@@ -94,7 +94,7 @@ class PoseEvalCallback(BaseCallback):
 
     def score(self) -> Evaluation:
         """Score the agent now."""
-        result = evaluate(self.model, self.env_fn, self.starts, self.n_envs, VEC_ENVS[self.vec_env])
+        result = evaluate(self.model, self.env_fn, self.initial_states, self.n_envs, VEC_ENVS[self.vec_env])
         self.last = result
         scores = result.scores()
         append_row(self.run_dir / EVALUATIONS, {"timesteps": self.num_timesteps} | scores | self._elapsed())
@@ -104,7 +104,7 @@ class PoseEvalCallback(BaseCallback):
         self.logger.dump(self.num_timesteps)
         self._keep_best(result)
         if self.verbose:
-            say(f"{self.num_timesteps} steps: {describe(result)}")
+            print_line(f"{self.num_timesteps} steps: {describe(result)}")
         return result
 
     def state_dict(self) -> dict[str, Any]:

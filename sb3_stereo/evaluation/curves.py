@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 PANELS = {
     "success_rate": "reached",
-    "mean_steps_success": "steps when reached",
+    "mean_steps_success": "episode length (successes)",
     "mean_return": "return",
     "mean_q": "Q",
     "mean_action": "|a|",

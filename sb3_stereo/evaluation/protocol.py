@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 
 N_TEST_POSES = 100  # the paper, section 5.2
 NEAR = 0.05  # [m], what panda-gym and Gymnasium-Robotics' FetchReach count as reached
-Start = Mapping[str, Any]  # keyword arguments of one `env.reset`
+InitialState = Mapping[str, Any]  # keyword arguments of one `env.reset`
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Scores of one agent over a set of starts.
+    """Scores of one agent over a set of initial states.
 
     Attributes:
         success_rate: Share of the starts from which the goal was reached, 0 to 1.
         mean_steps_success: Steps per reached goal; NaN if there was none.
         mean_steps_capped: Steps per start, a failure counted as the episode's cap.
-        mean_pixel_distance: Final distance of the markers, mean over cameras and starts [px]; NaN if never seen.
+        mean_pixel_distance: Final distance of the markers, mean over cameras and episodes [px]; NaN if never seen.
         mean_return: Undiscounted sum of rewards per start.
-        n_poses: Number of starts.
+        n_poses: Number of initial states.
         mean_action: Mean |action| over all visited states, 1 if saturated; NaN for discrete actions.
         mean_q: Mean value that the critic gives to the actions taken.
         median_distance_success: Distance in space of end effector and target at reached goals, the median [m]; NaN if
@@ -125,7 +125,7 @@ def nan_mean(values: Sequence[float] | np.ndarray) -> float:
     return float(defined.mean()) if defined.size else float("nan")
 
 
-def test_poses(env_id: str) -> np.ndarray:
+def eval_poses(env_id: str) -> np.ndarray:
     """Return the fixed test poses of an environment, in the order of the action, in [rad].  # (100, n_joints)
 
     Raises:
@@ -134,7 +134,7 @@ def test_poses(env_id: str) -> np.ndarray:
     return _test_table(env_id)[0]
 
 
-test_poses.__test__ = False  # type: ignore[attr-defined] # pytest would take it for a test
+eval_poses.__test__ = False  # type: ignore[attr-defined] # pytest would take it for a test
 
 
 def _test_table(env_id: str) -> tuple[np.ndarray, np.ndarray | None]:
@@ -148,40 +148,42 @@ def _test_table(env_id: str) -> tuple[np.ndarray, np.ndarray | None]:
     return values[:, :n_joints], values[:, n_joints:] if values.shape[1] > n_joints else None
 
 
-def pose_starts(poses: np.ndarray, targets: np.ndarray | None = None) -> list[Start]:
+def pose_initial_states(poses: np.ndarray, targets: np.ndarray | None = None) -> list[InitialState]:
     """Return resets into joint positions [rad], with targets [m] if given; the seed fixes whatever else is drawn."""
-    starts: list[Start] = [{"seed": i, "options": {"joint_positions": pose}} for i, pose in enumerate(poses)]
-    for start, target in zip(starts, [] if targets is None else targets):
+    initial_states: list[InitialState] = [
+        {"seed": i, "options": {"joint_positions": pose}} for i, pose in enumerate(poses)
+    ]
+    for start, target in zip(initial_states, [] if targets is None else targets):
         start["options"]["target_position"] = target
-    return starts
+    return initial_states
 
 
-def random_starts(n: int, seed: int) -> list[Start]:
+def random_initial_states(n: int, seed: int) -> list[InitialState]:
     """Return resets into poses that the environment draws itself, the same for the same seed."""
     return [{"seed": int(s)} for s in np.random.default_rng(seed).integers(2**31, size=n)]
 
 
-def test_starts(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[Start]:
-    """Return the fixed starts for a score: our environments' test poses, 100 seeded resets for other arms or tasks."""
+def eval_initial_states(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[InitialState]:
+    """Return the fixed initial states of an evaluation: our test poses; for other arms or tasks, 100 seeded resets."""
     if env_id in ENV_IDS and "arm" not in (env_kwargs or {}):
-        return pose_starts(*_test_table(env_id))
-    return random_starts(N_TEST_POSES, seed=0)
+        return pose_initial_states(*_test_table(env_id))
+    return random_initial_states(N_TEST_POSES, seed=0)
 
 
-test_starts.__test__ = False  # type: ignore[attr-defined]
+eval_initial_states.__test__ = False  # type: ignore[attr-defined]
 
 
 class StartSequence(gym.Wrapper):
-    """Let successive resets begin at given starts, whatever their own arguments; the last start repeats."""
+    """Let successive resets begin at given initial states, whatever their own arguments; the last start repeats."""
 
-    def __init__(self, env: gym.Env, starts: Sequence[Start]) -> None:
+    def __init__(self, env: gym.Env, initial_states: Sequence[InitialState]) -> None:
         super().__init__(env)
-        self.starts = list(starts)
+        self.initial_states = list(initial_states)
         self.n_resets = 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset into the next start."""
-        start = self.starts[min(self.n_resets, len(self.starts) - 1)]
+        start = self.initial_states[min(self.n_resets, len(self.initial_states) - 1)]
         self.n_resets += 1
         return self.env.reset(**start)
 
@@ -196,13 +198,15 @@ def evaluate_poses(
     vec_env_cls: type[DummyVecEnv] | type[SubprocVecEnv] = DummyVecEnv,
 ) -> Evaluation:
     """Score an agent from given joint positions [rad].  # poses (n, 4)"""
-    return evaluate(model, make_env(env_id, env_kwargs or {}, wrappers), pose_starts(poses), n_envs, vec_env_cls)
+    return evaluate(
+        model, make_env(env_id, env_kwargs or {}, wrappers), pose_initial_states(poses), n_envs, vec_env_cls
+    )
 
 
 def evaluate(
     model: "BaseAlgorithm",
     env_fn: Callable[[], gym.Env],
-    starts: Sequence[Start],
+    initial_states: Sequence[InitialState],
     n_envs: int = 1,
     vec_env_cls: type[DummyVecEnv] | type[SubprocVecEnv] = DummyVecEnv,
     progress: Callable[[int], object] = lambda n_done: None,
@@ -214,17 +218,17 @@ def evaluate(
     Args:
         model: The agent.
         env_fn: Makes the environment with all its wrappers.
-        starts: Resets to begin from, at least one.
-        n_envs: Environments that are stepped together, each with its share of the starts.
+        initial_states: Resets to begin from, at least one.
+        n_envs: Environments that are stepped together, each with its share of the initial states.
         vec_env_cls: How they are stepped.
-        progress: Called with the number of finished starts.
+        progress: Called with the number of finished initial states.
 
     Raises:
         ConfigError: If there is no start, or a process that steps an environment died.
     """
-    if not starts:
+    if not initial_states:
         raise ConfigError("there is nothing to evaluate: give at least one pose")
-    shares = [starts[i::n_envs] for i in range(min(n_envs, len(starts)))]
+    shares = [initial_states[i::n_envs] for i in range(min(n_envs, len(initial_states)))]
     env = vec_env_cls([_starting(env_fn, share) for share in shares])
     try:
         with deaths_are_errors(env):
@@ -233,12 +237,12 @@ def evaluate(
         close(env)
 
 
-def _starting(env_fn: Callable[[], gym.Env], share: Sequence[Start]) -> Callable[[], gym.Env]:
+def _starting(env_fn: Callable[[], gym.Env], share: Sequence[InitialState]) -> Callable[[], gym.Env]:
     return lambda: StartSequence(env_fn(), share)
 
 
 class _Scoring:
-    """Plays every environment's share of the starts and keeps the records in the order of the starts."""
+    """Plays every environment's share of the initial states and keeps the records in their order."""
 
     def __init__(self, model: "BaseAlgorithm", env: VecEnv, counts: Sequence[int]) -> None:
         self.model = model

@@ -27,7 +27,7 @@ def read_scores(run: Path) -> dict[int, dict[str, float]]:
 
 def score_table(by_step: Mapping[int, Mapping[str, float]]) -> str:
     """Return a line per score, as `plot.read_scores` reads them."""
-    head = ["steps", "reached", "steps when reached", "return", "|a|", "Q", "after"]
+    head = ["steps", "success", "episode length", "return", "|a|", "Q", "after"]
     rows = [
         [
             str(step),

@@ -7,7 +7,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import TensorBoardOutputFormat
 
 from sb3_stereo.evaluation.callback import PoseEvalCallback
-from sb3_stereo.viz.drawing import look, side_by_side
+from sb3_stereo.viz.drawing import capture, side_by_side
 from sb3_stereo.viz.saliency import overlaid, saliency
 
 N_STATES = 4  # of an episode, from its start
@@ -19,8 +19,8 @@ class TensorboardPictures(BaseCallback):
     Nothing that is random in the training is touched. Comes after the scoring in the list of callbacks.
 
     Args:
-        scoring: The callback that scores, whose environment and starts are taken.
-        seed: Of the starts.
+        scoring: The callback that scores, whose environment and initial states are taken.
+        seed: Of the initial states.
     """
 
     def __init__(self, scoring: PoseEvalCallback, seed: int = 0) -> None:
@@ -32,9 +32,9 @@ class TensorboardPictures(BaseCallback):
     def _on_training_start(self) -> None:
         """Measure how much each pixel changes from start to start; of a map of images no attention is drawn."""
         env = self.scoring.env_fn()
-        starts = [env.reset(**start)[0] for start in self.scoring.starts]
+        initial_states = [env.reset(**start)[0] for start in self.scoring.initial_states]
         env.close()
-        self.spread = None if isinstance(starts[0], dict) else np.std(starts, axis=0, dtype=np.float32)
+        self.spread = None if isinstance(initial_states[0], dict) else np.std(initial_states, axis=0, dtype=np.float32)
 
     def _on_step(self) -> bool:
         if self.scoring.last is not self._seen:
@@ -50,11 +50,11 @@ class TensorboardPictures(BaseCallback):
         stereo, attention = [], []
         env = self.scoring.env_fn()
         rng = np.random.default_rng((self.seed, self.scoring.num_timesteps))  # the same after a resumption
-        observation, _ = env.reset(**self.scoring.starts[int(rng.integers(len(self.scoring.starts)))])
+        observation, _ = env.reset(**self.scoring.initial_states[int(rng.integers(len(self.scoring.initial_states)))])
         for _ in range(N_STATES):
             if self.spread is not None:
                 attention.append(overlaid(observation, saliency(self.model.policy, observation, self.spread)))
-            stereo += [side_by_side(look(env))] if hasattr(env.unwrapped, "draw") else []
+            stereo += [side_by_side(capture(env))] if hasattr(env.unwrapped, "draw") else []
             action, _ = self.model.predict(observation, deterministic=True)
             observation, _, terminated, truncated, _ = env.step(action)
             if terminated or truncated:

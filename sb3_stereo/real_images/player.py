@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sb3_stereo.errors import one_line
 from sb3_stereo.real_images.detection import detect, observe, white_balanced
 from sb3_stereo.real_images.sources import Image, fit
-from sb3_stereo.viz.drawing import Effort, Story, View, scene
+from sb3_stereo.viz.drawing import Caption, Effort, View, scene
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -75,7 +75,7 @@ class Player:
         return shares * self.limits, shares
 
 
-def told(answer: Answer, rho: float) -> str:
+def description(answer: Answer, rho: float) -> str:
     """Write an answer for a person."""
     lines = [one_line(" | ".join(answer.names))]
     for view in answer.views:
@@ -136,4 +136,4 @@ def plain(answer: Answer) -> dict[str, Any]:
 
 def drawn(answer: Answer, rho: float) -> Image:
     """Draw an answer."""
-    return scene(answer.views, answer.observation, Story(_reached(answer, rho).split(": "), answer.efforts))
+    return scene(answer.views, answer.observation, Caption(_reached(answer, rho).split(": "), answer.efforts))

@@ -13,7 +13,7 @@ from sb3_stereo.building.workers import close, deaths_are_errors
 from sb3_stereo.config.schema import Config
 from sb3_stereo.errors import setting_up
 from sb3_stereo.evaluation.callback import OnEvaluation, PoseEvalCallback, eval_steps
-from sb3_stereo.evaluation.protocol import test_starts
+from sb3_stereo.evaluation.protocol import eval_initial_states
 from sb3_stereo.evaluation.tensorboard import TensorboardPictures
 from sb3_stereo.runs import snapshots, status
 from sb3_stereo.runs.directory import env_name
@@ -120,7 +120,7 @@ def make_evaluation(
     """Make the callback that evaluates the agent from the environment's fixed starts."""
     return PoseEvalCallback(
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
-        test_starts(config.env_id, config.env_kwargs),
+        eval_initial_states(config.env_id, config.env_kwargs),
         run,
         eval_steps(config.algo, config.n_timesteps, options.eval_freq),
         options.n_eval_envs,

@@ -56,7 +56,7 @@ def table(sweep: Sweep, found: Sequence[Setting]) -> str:
     names = [parameter.name for parameter in sweep.parameters]
     rows = [[*names, sweep.metric.name, "seeds", "steps", "state", "runs"]]
     for setting in found[:N_SHOWN]:
-        params = [shown(setting.params.get(name)) for name in names]
+        params = [format_value(setting.params.get(name)) for name in names]
         steps = min(trial.timesteps for trial in setting.trials)
         states = sorted({trial.state for trial in setting.trials})
         runs = [trial.run.name.rpartition("_")[2] for trial in setting.trials]
@@ -68,7 +68,7 @@ def table(sweep: Sweep, found: Sequence[Setting]) -> str:
     return "\n".join(lines + ([f"... and {rest} more settings"] if rest > 0 else []))
 
 
-def shown(value: Any) -> str:
+def format_value(value: Any) -> str:
     """Return a value as a table shows it."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
@@ -122,7 +122,7 @@ def draw(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
         panel.scatter(x, [setting.score for setting in found], s=36, color="0.3")
         panel.scatter(x[:1], [found[0].score], s=60, color="C3", zorder=3)
         if isinstance(parameter, Choice):
-            panel.set_xticks(range(len(parameter.values)), [shown(value) for value in parameter.values])
+            panel.set_xticks(range(len(parameter.values)), [format_value(value) for value in parameter.values])
             panel.set_xlim(-0.5, len(parameter.values) - 0.5)
         elif parameter.is_log:
             panel.set_xscale("log")

@@ -17,7 +17,7 @@ from sb3_stereo.runs.directory import import_packages
 from sb3_stereo.training import Options
 from sb3_stereo.tuning.config import Sweep
 from sb3_stereo.tuning.records import STOPPED, Setting, read_trials, settings, state
-from sb3_stereo.tuning.report import shown
+from sb3_stereo.tuning.report import format_value
 from sb3_stereo.tuning.space import optuna_space, point
 from sb3_stereo.tuning.trials import Training, Watch, fit, fit_listed
 
@@ -71,7 +71,7 @@ class Job:
             progress=False,
             verbose=0,
         )
-        name = ", ".join([*(f"{key} {shown(value)}" for key, value in params.items()), f"seed {seed}"])
+        name = ", ".join([*(f"{key} {format_value(value)}" for key, value in params.items()), f"seed {seed}"])
         record = {"params": params, "num_threads": self.num_threads, "gym_packages": list(self.gym_packages)}
         return Training(name, overridden(self.sweep.base, params), options, record, self.command, self.sweep.metric)
 

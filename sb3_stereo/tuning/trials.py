@@ -18,7 +18,7 @@ from ray.tune.search import BasicVariantGenerator
 
 from sb3_stereo import runtime
 from sb3_stereo.config.schema import Config
-from sb3_stereo.console import say
+from sb3_stereo.console import print_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.runs.creation import make_numbered
 from sb3_stereo.runs.directory import import_packages
@@ -145,7 +145,7 @@ class Watch(tune.Callback):
 
     def _say(self, line: str) -> None:
         if self.verbose:
-            say(line)
+            print_line(line)
 
 
 def _reason(trial: TuneTrial) -> str:

@@ -42,14 +42,14 @@ class Effort(NamedTuple):
     share: float
 
 
-def look(env: Any) -> list[View]:
+def capture(env: Any) -> list[View]:
     """What the cameras of a `StereoReachEnv`, wrapped or not, see now, and the markers as its reward finds them."""
     task = env.unwrapped
     names = [camera.spec.name for camera in task.cameras]
     return [View(name, frame, find_blobs(frame)) for name, frame in zip(names, task.draw(), strict=True)]
 
 
-class Story(NamedTuple):
+class Caption(NamedTuple):
     """What the pictures do not say: lines of text, efforts, and how it ended (green if well)."""
 
     lines: Sequence[str]
@@ -58,19 +58,19 @@ class Story(NamedTuple):
     good: bool = True
 
 
-def scene(views: Sequence[View], observation: Any, story: Story, zoom: float = 1.0) -> Image:
-    """Put everything into one picture: the views above, the observation and the story below.
+def scene(views: Sequence[View], observation: Any, caption: Caption, zoom: float = 1.0) -> Image:
+    """Put everything into one picture: the views above, the observation and the caption below.
 
     Args:
         views: In camera order.
         observation: What the network sees, in any arrangement.
-        story: The rest.
+        caption: The rest.
         zoom: Shows the middle of the views this much larger.
     """
     above = side_by_side(views, zoom)
     below = _row([_titled("what the network sees", _squares(as_stack(observation)[0]))])
-    told = _told(story, (below.shape[0], max(above.shape[1] - below.shape[1], 420)))
-    rows = [above, np.hstack([below, told])]
+    captions = _caption(caption, (below.shape[0], max(above.shape[1] - below.shape[1], 420)))
+    rows = [above, np.hstack([below, captions])]
     width = max(row.shape[1] for row in rows)
     rows = [np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0)), constant_values=PAPER[0]) for row in rows]
     picture: Image = np.vstack(rows)
@@ -122,16 +122,16 @@ def _row(pictures: Sequence[Image]) -> Image:
     return np.pad(np.hstack(pictures), ((0, BORDER // 2), (0, BORDER), (0, 0)), constant_values=PAPER[0])
 
 
-def _told(story: Story, size: tuple[int, int]) -> Image:
-    """Write the story on a paper of the size (height, width)."""
+def _caption(caption: Caption, size: tuple[int, int]) -> Image:
+    """Write the caption on a paper of the size (height, width)."""
     paper = _paper(*size)
     x, y = 2 * BORDER, LINE_HEIGHT + 18
-    for line in story.lines:
+    for line in caption.lines:
         _write(paper, line, (x, y), INK)
         y += 28
-    _write(paper, story.verdict, (x, size[0] - 3 * BORDER), GREEN if story.good else RED, 1.3, 3)
+    _write(paper, caption.verdict, (x, size[0] - 3 * BORDER), GREEN if caption.good else RED, 1.3, 3)
     middle = size[1] - 2 * BORDER - 140 - BAR
-    for row, effort in enumerate(story.efforts):
+    for row, effort in enumerate(caption.efforts):
         y = LINE_HEIGHT + 18 + 28 * row
         end = middle + round(BAR * effort.share)
         cv2.rectangle(paper, (min(middle, end), y - 14), (max(middle, end), y), PALE, cv2.FILLED)

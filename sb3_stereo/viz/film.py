@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sb3_stereo.envs.wrappers import WatchedPulses
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.viz.drawing import GREEN, Effort, Story, look, scene
+from sb3_stereo.viz.drawing import GREEN, Caption, Effort, capture, scene
 
 Image = NDArray[np.uint8]
 
@@ -41,7 +41,7 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gym.Env[Any, Any], writer: Writer, zoom: float = 1.0) -> None:
-        super().__init__(WatchedPulses(env, self._look, N_PARTS))
+        super().__init__(WatchedPulses(env, self._film, N_PARTS))
         self.writer, self.zoom = writer, zoom
         self.steps = 0
         self.efforts: list[Effort] = []
@@ -63,15 +63,15 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
         self._picture(lines, verdict, info["is_success"], END if terminated or truncated else PAUSE)
         return self.observation, reward, terminated, truncated, info
 
-    def _look(self, efforts: Sequence[float]) -> None:
+    def _film(self, efforts: Sequence[float]) -> None:
         env: Any = self.unwrapped
         shares = np.divide(efforts, env.effort_limits)
         self.efforts = [Effort(*known) for known in zip(env.arm.spec.joints, efforts, shares, strict=True)]
         self._picture([f"step {self.steps}"])
 
     def _picture(self, lines: Sequence[str], verdict: str = "", good: bool = True, n: int = 1) -> None:
-        story = Story(lines, self.efforts, verdict, good)
-        self.writer.write(scene(look(self), self.observation, story, self.zoom), n)
+        caption = Caption(lines, self.efforts, verdict, good)
+        self.writer.write(scene(capture(self), self.observation, caption, self.zoom), n)
 
 
 class Mp4:

@@ -15,7 +15,7 @@ from benchmarks.analysis.baselines import BASELINES, STRICT, Line, Task, goal_di
 from benchmarks.analysis.constant import Search, any_constant, best_constant, quantised_actions
 from benchmarks.analysis.rollouts import BlindSimulation, constant_action, play, random_actions
 from sb3_stereo.config import load_config
-from sb3_stereo.evaluation.protocol import Start, random_starts
+from sb3_stereo.evaluation.protocol import InitialState, random_initial_states
 
 POSE = (1.0, 0.4, 0.0, 0.8)
 
@@ -26,7 +26,7 @@ def reach() -> Iterator[gym.Env[Any, Any]]:
         yield env
 
 
-def start_of(action: tuple[float, ...], env: gym.Env[Any, Any]) -> Start:
+def start_of(action: tuple[float, ...], env: gym.Env[Any, Any]) -> InitialState:
     """A start from which the action reaches in one step, the target being where it ends."""
     env.reset(options={"joint_positions": POSE})
     info = env.step(np.array(action, np.float32))[4]
@@ -41,8 +41,8 @@ def test_a_policy_is_scored_as_its_episodes_go(reach: gym.Env[Any, Any]) -> None
 
 
 def test_random_actions_are_those_of_their_seed(reach: gym.Env[Any, Any]) -> None:
-    starts = random_starts(3, seed=5)
-    returns = [play(reach, starts, random_actions(reach, seed)).returns.tolist() for seed in (0, 0, 1)]
+    initial_states = random_initial_states(3, seed=5)
+    returns = [play(reach, initial_states, random_actions(reach, seed)).returns.tolist() for seed in (0, 0, 1)]
     assert returns[0] == returns[1] != returns[2]
 
 
@@ -69,26 +69,26 @@ def test_what_is_simulated_blindly_is_what_the_cameras_see(reach: gym.Env[Any, A
 def test_the_best_constant_action_needs_no_more_steps_than_a_known_one(
     reach: gym.Env[Any, Any], action: tuple[float, ...]
 ) -> None:
-    starts = [start_of(action, reach)]
-    search = Search(reach, starts)
+    initial_states = [start_of(action, reach)]
+    search = Search(reach, initial_states)
     assert search.mean_steps(np.array(action, float)) == 1
     search.close()
-    quantised, continuous = best_constant(reach, starts)
+    quantised, continuous = best_constant(reach, initial_states)
     for found in (quantised, continuous):
-        assert play(reach, starts, constant_action(found)).mean_steps_capped == 1
+        assert play(reach, initial_states, constant_action(found)).mean_steps_capped == 1
     assert set(quantised.tolist()) <= {-1.0, 0.0, 1.0}
 
 
 def test_any_constant_action_is_the_mean_over_all_of_a_dqn(
     reach: gym.Env[Any, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    starts = [start_of((1, 0, -1, 1), reach)]
-    steps = any_constant(reach, starts)
+    initial_states = [start_of((1, 0, -1, 1), reach)]
+    steps = any_constant(reach, initial_states)
     assert steps.shape == (81, 1)
     known = [action.tolist() for action in quantised_actions(reach)].index([1, 0, -1, 1])
     assert steps[known, 0] == 1 and steps.min() >= 1 and steps.max() == 4  # the cap
     monkeypatch.setattr(Task, "make", lambda task: gym.make("sb3_stereo:WamStereoReach-v0", max_episode_steps=4))
-    monkeypatch.setattr(Task, "test_starts", lambda task: starts)
+    monkeypatch.setattr(Task, "eval_initial_states", lambda task: initial_states)
     (line,) = BASELINES["any constant"](STRICT, 1)
     assert float(line["success_rate"]) < 1 and line["n_poses"] == "1"
 

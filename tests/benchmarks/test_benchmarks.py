@@ -6,7 +6,7 @@ import torch as th
 
 from benchmarks.analysis import generalisation, optimum, probe
 from sb3_stereo.config.schema import load_config
-from sb3_stereo.evaluation.protocol import test_poses
+from sb3_stereo.evaluation.protocol import eval_poses
 
 
 def test_the_probe_reports_every_joint_and_both_markers() -> None:
@@ -38,7 +38,7 @@ def test_a_critic_that_has_seen_a_reward_knows_it() -> None:
 @pytest.mark.parametrize(("displacement", "fewest"), [(0.3, 1), (1.6, 2)])
 def test_the_planner_finds_the_way_back_to_the_target(displacement: float, fewest: int) -> None:
     planner = optimum.Planner("WamStereoReach-v0", {})
-    pose = test_poses("WamStereoReach-v0")[0] * 0.3
+    pose = eval_poses("WamStereoReach-v0")[0] * 0.3
     _, info = planner.env.reset(options={"joint_positions": pose})
     planner.env._default_target = info["end_effector_position"]
     rng = np.random.default_rng(0)

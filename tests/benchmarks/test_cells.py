@@ -11,7 +11,7 @@ import pytest
 import benchmarks
 from benchmarks.tables import cells
 from benchmarks.tables.cells import Row, cell_lines, cell_training, read, train_missing
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 from sb3_stereo.runs import status
 from sb3_stereo.training import session
 from sb3_stereo.training import trainer as training
@@ -36,7 +36,7 @@ def test_an_interrupted_cell_goes_on_and_a_finished_one_is_read(logs: Path, monk
         monkeypatch.setattr(trials, name, noted(name))
     monkeypatch.setattr(trials.tune, "report", lambda scores: None)
     monkeypatch.setattr(trials.sys, "orig_argv", [])
-    monkeypatch.setattr(session, "test_starts", lambda *_: random_starts(4, seed=0))
+    monkeypatch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(4, seed=0))
 
     def lines(row: Row) -> list[dict[str, str]]:
         cell = cell_training(row, 3, logs)

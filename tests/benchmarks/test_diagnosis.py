@@ -10,7 +10,7 @@ import torch as th
 from gymnasium.spaces import Box, Discrete
 
 from benchmarks.analysis import diagnosis
-from benchmarks.analysis.diagnosis import BATCH_NORMS, Gap, Sight, compare_statistics, look_at
+from benchmarks.analysis.diagnosis import BATCH_NORMS, Gap, QStatistics, compare_statistics, look_at
 from sb3_stereo.config.schema import load_config
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
@@ -85,9 +85,9 @@ def make_run(logs: Path, algo: str, steps: Sequence[int]) -> Path:
     return run
 
 
-@pytest.mark.parametrize(("algo", "measured"), [("ddpg", Gap), ("dqn", Sight)])
+@pytest.mark.parametrize(("algo", "measured"), [("ddpg", Gap), ("dqn", QStatistics)])
 def test_every_checkpoint_has_a_line(
-    algo: str, measured: type[Gap | Sight], logs: Path, capsys: pytest.CaptureFixture[str]
+    algo: str, measured: type[Gap | QStatistics], logs: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [str(make_run(logs, algo, (2000, 1000))), "--poses", "10", "--batch-size", "5"]
     assert diagnosis.main([*arguments, "--json"]) == 0

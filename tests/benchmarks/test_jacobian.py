@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.analysis.jacobian import NEAR, JacobianController
 from benchmarks.analysis.rollouts import play
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def controller(reach: gym.Env[Any, Any]) -> JacobianController:
 
 
 def test_it_reaches_any_target_in_a_few_steps(reach: gym.Env[Any, Any], controller: JacobianController) -> None:
-    score = play(reach, random_starts(6, seed=3), controller)
+    score = play(reach, random_initial_states(6, seed=3), controller)
     assert score.success_rate == 1 and score.mean_steps_success < 6 and score.p95_distance_success < 0.07
 
 
@@ -35,9 +35,9 @@ def test_the_joint_angles_found_put_the_end_effector_at_the_target(
     env: Any = reach.unwrapped
     for seed in range(5):
         _, info = reach.reset(seed=seed)
-        before, here = env.look(), env.arm.actuated_positions
+        before, here = env.capture(), env.arm.actuated_positions
         joints = controller._joints_at(info["target_position"], here)
-        np.testing.assert_array_equal(env.look(), before)  # the arm itself has not moved
+        np.testing.assert_array_equal(env.capture(), before)  # the arm itself has not moved
         reach.reset(options={"target_position": info["target_position"]})
         env.arm.rest_at(joints)
         assert np.linalg.norm(env.arm.end_effector_position - info["target_position"]) < NEAR

@@ -15,7 +15,7 @@ from benchmarks.analysis.baselines import read_lines
 from benchmarks.analysis.looks import efforts_of, look
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.wrappers import QuantizedActions
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 from sb3_stereo.training import session
 
 POSE = (1.0, 0.4, 0.0, 0.8)
@@ -35,17 +35,17 @@ class Agent:
 
 def test_who_looks_needs_its_own_images_and_who_does_not_never_notices() -> None:
     with closing(gym.make("sb3_stereo:WamStereoReach-v0", max_episode_steps=1)) as env:
-        images, starts = [], []
+        images, initial_states = [], []
         for action in ACTIONS:
             env.reset(options={"joint_positions": POSE})
             target = env.step(action)[4]["end_effector_position"]
-            starts.append({"options": {"joint_positions": POSE, "target_position": target}})
-            images.append(env.reset(**starts[-1])[0])
+            initial_states.append({"options": {"joint_positions": POSE, "target_position": target}})
+            images.append(env.reset(**initial_states[-1])[0])
         seeing = Agent(lambda observation: ACTIONS[int(np.array_equal(observation, images[1]))])
-        scores = look(seeing, env, starts)
+        scores = look(seeing, env, initial_states)
         assert (scores["success_rate"], scores["shuffled_success_rate"]) == (1.0, 0.0)
         assert scores["action_spread"] == 0.25 and scores["most_frequent_action"] == 0.5  # one of four joints: ±1
-        scores = look(Agent(lambda observation: ACTIONS[0]), env, starts)
+        scores = look(Agent(lambda observation: ACTIONS[0]), env, initial_states)
         assert scores["success_rate"] == scores["shuffled_success_rate"] == 0.5
         assert scores["action_spread"] == 0.0 and scores["most_frequent_action"] == 1.0
 
@@ -55,7 +55,7 @@ def test_a_run_is_recorded_with_the_steps_that_its_model_was_trained_for(
 ) -> None:
     monkeypatch.setattr(benchmarks, "RESULTS", tmp_path / "results")
     for module in (looks, session):
-        monkeypatch.setattr(module, "test_starts", lambda *_: random_starts(2, seed=0))
+        monkeypatch.setattr(module, "eval_initial_states", lambda *_: random_initial_states(2, seed=0))
     arguments = [
         "--algo",
         "dqn",

@@ -47,7 +47,7 @@ def test_the_table_is_the_one_worked_out_by_hand(records: Path) -> None:
 | environment steps | 10 | 20 |
 | --- | --- | --- |
 | success, % | 25.0 (0 to 50) | 100.0 (100 to 100) |
-| steps when reached | 4.00 | 2.50 |
+| episode length (successes) | 4.00 | 2.50 |
 | mean \\|a\\| | 0.75 | 0.50 |
 | mean Q | 0.50 | 0.50 |
 
@@ -131,7 +131,7 @@ def test_the_claim_is_judged_by_its_interval(records: Path) -> None:
     write(rows[1].record, [{**line, **worse, "success_rate": str(0.1 * int(line["seed"]))} for line in lines])
     text = write_report(rows, records).read_text()
     assert "| ours_ddpg | ours_dqn | 2 and 2 | success, points | 95.0 (90.0 to 100.0) | confirmed |" in text
-    assert "| 2 and 2 | steps, failures as 30 | -27.0 (-27.0 to -27.0) | confirmed |" in text
+    assert "| 2 and 2 | episode length, failures as 30 | -27.0 (-27.0 to -27.0) | confirmed |" in text
     write(rows[0].record, [{**line, **worse} for line in lines])
     write(rows[1].record, lines)
     text = write_report(rows, records).read_text()

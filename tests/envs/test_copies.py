@@ -136,7 +136,7 @@ class Counter:
 
     n = 0
 
-    def look(self, efforts: Any) -> None:
+    def capture(self, efforts: Any) -> None:
         self.n += 1
 
 
@@ -228,7 +228,7 @@ def test_no_copy_shares_a_simulator(env: StereoReachEnv) -> None:
     with pytest.raises(ValueError) as refusal:
         copy.copy(env)
     assert str(refusal.value) == "a shallow copy of an environment would share its simulator; use copy.deepcopy"
-    for part in (env.arm, env.cameras[0], env._world.eyes):
+    for part in (env.arm, env.cameras[0], env._world.rig):
         for make_copy in COPIES.values():
             with pytest.raises(ValueError) as refusal:
                 make_copy(part)

@@ -21,7 +21,7 @@ UNKNOWN_STATE = "the state is another environment's, or removed; give one that s
 
 OF_AN_EPISODE: dict[str, Callable[[Any], object]] = {
     "step": lambda env: env.step(np.zeros(4)),
-    "look": lambda env: env.look(),
+    "capture": lambda env: env.capture(),
     "render": lambda env: env.render(),
     "draw": lambda env: env.draw(),
     "save_state": lambda env: env.save_state(),

@@ -8,7 +8,7 @@ import pytest
 
 import sb3_stereo  # noqa: F401  (registers)
 from sb3_stereo.envs.reach import StereoReachEnv
-from sb3_stereo.evaluation.protocol import test_poses, test_starts
+from sb3_stereo.evaluation.protocol import eval_initial_states, eval_poses
 
 ENV_ID = "WamStereoReachRandom-v0"
 
@@ -66,15 +66,15 @@ def test_the_task_is_its_own_mirror_image_wherever_the_target_is(env: StereoReac
 
 
 def test_the_test_starts_are_a_hundred_pairs_of_pose_and_target(env: StereoReachEnv) -> None:
-    starts = test_starts(ENV_ID)
-    assert test_poses(ENV_ID).shape == (100, 4) and len(starts) == 100
-    assert len({tuple(start["options"]["target_position"]) for start in starts}) == 100
-    for start in starts[:5]:
+    initial_states = eval_initial_states(ENV_ID)
+    assert eval_poses(ENV_ID).shape == (100, 4) and len(initial_states) == 100
+    assert len({tuple(start["options"]["target_position"]) for start in initial_states}) == 100
+    for start in initial_states[:5]:
         _, info = env.reset(**start)
         np.testing.assert_array_equal(info["target_position"], start["options"]["target_position"])
         np.testing.assert_allclose(info["joint_positions"][:4], start["options"]["joint_positions"], atol=1e-12)
         assert not info["is_success"]
-    assert "target_position" not in test_starts("WamStereoReach-v0")[0]["options"]
+    assert "target_position" not in eval_initial_states("WamStereoReach-v0")[0]["options"]
 
 
 def test_a_mirrored_pose_and_target_give_the_mirrored_transition(env: StereoReachEnv) -> None:

@@ -93,7 +93,7 @@ def test_blobs_are_where_the_markers_are(env: StereoReachEnv) -> None:
         for view, camera in enumerate(env.cameras):
             frame, _, bodies = camera.draw()
             blobs = sb3_stereo.envs.markers.find_blobs(frame)
-            bodies_of_markers = env._world.eyes.markers
+            bodies_of_markers = env._world.rig.markers
             for marker, body, expected in zip(blobs, bodies_of_markers, camera.spec.project(positions), strict=True):
                 mask = bodies == body
                 if np.isnan(marker).any():

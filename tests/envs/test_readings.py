@@ -57,8 +57,8 @@ def test_random_starts_are_away_from_the_goal_in_its_frame(views: StereoReachEnv
 
 def test_episodes_begin_at_the_initial_positions_unless_reset_says_otherwise() -> None:
     env = StereoReachEnv(initial_positions=(1.0, 0.4, 0.0, 0.8))
-    starts = [env.reset(seed=seed)[1]["joint_positions"][:4] for seed in (0, 1, None)]
-    np.testing.assert_allclose(starts, [(1.0, 0.4, 0.0, 0.8)] * 3)
+    initial_states = [env.reset(seed=seed)[1]["joint_positions"][:4] for seed in (0, 1, None)]
+    np.testing.assert_allclose(initial_states, [(1.0, 0.4, 0.0, 0.8)] * 3)
     elsewhere = env.reset(options={"joint_positions": (0.5, 0.0, 0.0, 1.0)})[1]
     np.testing.assert_allclose(elsewhere["joint_positions"][:4], (0.5, 0.0, 0.0, 1.0))
     env.close()

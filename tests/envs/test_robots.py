@@ -16,12 +16,12 @@ from sb3_stereo.commands.check import save_frame
 from sb3_stereo.config.schema import load_config, parse_config
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, camera_specs, mirror_each_other
+from sb3_stereo.envs.diagnosis import describe, diagnose
 from sb3_stereo.envs.marker_specs import HOLLOW, MarkerSpec
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client
 from sb3_stereo.envs.specs import plain
-from sb3_stereo.envs.survey import describe, survey
 from sb3_stereo.errors import ConfigError
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -128,28 +128,28 @@ def test_mirrored_cameras_are_recognised() -> None:
     assert not mirror_each_other((left, replace(right, horizontal_fov=1.0)))
 
 
-def test_a_survey_measures_the_wam() -> None:
+def test_a_diagnosis_measures_the_wam() -> None:
     env = StereoReachEnv()
-    result = survey(env, n_poses=60, n_steps=30)
+    result = diagnose(env, n_poses=60, n_steps=30)
     assert result.joints == ("J1", "J2", "J3", "J4") and result.mirrored_joints == ("J1", "J3")
-    assert result.unlikeness < 0.1 and result.misplaced == 0.0
+    assert result.mirror_error < 0.1 and result.misplaced == 0.0
     assert 0.7 < result.free < 1.0 and 0.8 < result.seen[0] <= result.seen[1]
     assert np.all((result.travel > 0.5) & (result.travel < 1.3))
     assert sum(share for _, share in result.collisions) >= 1 - result.free
     env.close()
 
 
-def test_a_survey_sees_a_shell_of_a_markers_colour() -> None:
+def test_a_diagnosis_sees_a_shell_of_a_markers_colour() -> None:
     red = replace(WAM, link_colors=(("forearm", (1.0, 0.0, 0.0)),))
     env = StereoReachEnv(arm=red)
-    assert survey(env, n_poses=20, n_steps=1).misplaced > 0.5
+    assert diagnose(env, n_poses=20, n_steps=1).misplaced > 0.5
     env.close()
 
 
-def test_a_survey_of_an_arm_that_always_collides_names_the_links() -> None:
+def test_a_diagnosis_of_an_arm_that_always_collides_names_the_links() -> None:
     env = StereoReachEnv(arm=replace(ARMS["panda"], collision_exempt=()))
     with pytest.raises(ValueError) as error:
-        survey(env, n_poses=10)
+        diagnose(env, n_poses=10)
     assert str(error.value) == (
         "no random pose is free of collisions: panda_hand and panda_link7 touch in 100%; "
         "add links to collision_exempt or change rest"
@@ -308,10 +308,10 @@ def test_an_arm_whose_file_looks_sideways_may_be_turned_into_the_mirror_plane(tm
 
 def test_a_desktop_arm_moves_a_radian_per_pulse_and_shows_its_markers() -> None:
     env = StereoReachEnv(**DESK, target_position=(0.22, 0.0, 0.25))
-    result = survey(env, n_poses=30, n_steps=5)
+    result = diagnose(env, n_poses=30, n_steps=5)
     assert np.all((result.travel > 0.9) & (result.travel < 1.15))
     assert result.seen[0] > 0.9 and result.misplaced == 0.0 and result.solid and not result.without_shapes
-    assert result.mirrored_joints == ("pan",) and result.unlikeness < 0.05 and env.mirrored_joints == (0,)
+    assert result.mirrored_joints == ("pan",) and result.mirror_error < 0.05 and env.mirrored_joints == (0,)
     env.close()
 
 
@@ -323,7 +323,7 @@ def sliding_arm(folder: Path, size: float) -> ArmSpec:
 
 def test_a_sliding_joint_is_told_in_millimetres(tmp_path: Path) -> None:
     env = StereoReachEnv(arm=sliding_arm(tmp_path, 0.02))
-    lines = describe(survey(env, n_poses=20, n_steps=1)).splitlines()
+    lines = describe(diagnose(env, n_poses=20, n_steps=1)).splitlines()
     assert lines[1:3] == [
         "slide                       -100     300      25 mm",
         "j1                         -2.00    2.00    0.50 rad",
@@ -334,7 +334,7 @@ def test_a_sliding_joint_is_told_in_millimetres(tmp_path: Path) -> None:
 
 def test_a_robot_that_nothing_can_touch_is_not_called_free(tmp_path: Path) -> None:
     env = StereoReachEnv(arm=sliding_arm(tmp_path, 0.0))
-    result = survey(env, n_poses=20, n_steps=1)
+    result = diagnose(env, n_poses=20, n_steps=1)
     assert not result.solid
     assert describe(result).splitlines()[3] == (
         "free of collisions: not known, as no link that moves has a collision shape and nothing stops it; "
@@ -348,7 +348,7 @@ def test_a_link_that_is_drawn_and_cannot_be_touched_is_named(tmp_path: Path) -> 
     text = Path(arm.urdf).read_text().rpartition("<collision>")
     Path(arm.urdf).write_text(text[0] + text[2].partition("</collision>")[2])
     env = StereoReachEnv(arm=arm)
-    assert "  without a collision shape: l2" in describe(survey(env, n_poses=20, n_steps=1)).splitlines()
+    assert "  without a collision shape: l2" in describe(diagnose(env, n_poses=20, n_steps=1)).splitlines()
     env.close()
 
 

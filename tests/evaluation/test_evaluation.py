@@ -15,7 +15,13 @@ from sb3_stereo.commands.evaluate import json_scores
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation import protocol as evaluation
 from sb3_stereo.evaluation.callback import append_row, describe, eval_steps
-from sb3_stereo.evaluation.protocol import evaluate, evaluate_poses, pose_starts, random_starts, summarise
+from sb3_stereo.evaluation.protocol import (
+    evaluate,
+    evaluate_poses,
+    pose_initial_states,
+    random_initial_states,
+    summarise,
+)
 
 
 class Constant:
@@ -131,16 +137,17 @@ def test_scores_do_not_depend_on_the_process() -> None:
 def test_a_network_scores_the_same_in_any_number_of_environments() -> None:
     env_fn = make_env(fake_reach.ENV_ID, {}, ())
     model = DDPG("CnnPolicy", DummyVecEnv([env_fn]), buffer_size=10, seed=0)
-    one, four = (evaluate(model, env_fn, random_starts(6, seed=1), n_envs) for n_envs in (1, 4))
+    one, four = (evaluate(model, env_fn, random_initial_states(6, seed=1), n_envs) for n_envs in (1, 4))
     assert one.mean_q == pytest.approx(four.mean_q, abs=1e-12)
     assert one.scores() | {"mean_q": 0, "mean_action": 0} == four.scores() | {"mean_q": 0, "mean_action": 0}
 
 
 def test_random_starts_depend_on_their_seed_alone() -> None:
-    assert random_starts(3, seed=1) == random_starts(3, seed=1) != random_starts(3, seed=2)
+    assert random_initial_states(3, seed=1) == random_initial_states(3, seed=1) != random_initial_states(3, seed=2)
     env_fn = make_env(fake_reach.ENV_ID, {}, ())
     scores = [
-        evaluate(Constant(-1.0), env_fn, random_starts(8, seed), n).scores() for seed, n in [(1, 1), (1, 3), (2, 1)]
+        evaluate(Constant(-1.0), env_fn, random_initial_states(8, seed), n).scores()
+        for seed, n in [(1, 1), (1, 3), (2, 1)]
     ]  # type: ignore[arg-type]
     np.testing.assert_equal(scores[0], scores[1])
     assert scores[0]["mean_return"] != scores[2]["mean_return"]
@@ -153,24 +160,27 @@ def test_nothing_to_score_is_an_error() -> None:
 
 
 def test_the_test_poses_are_a_hundred_and_come_with_the_package() -> None:
-    poses = evaluation.test_poses("WamStereoReach-v0")
+    poses = evaluation.eval_poses("WamStereoReach-v0")
     assert poses.shape == (100, 4)
     assert len(np.unique(poses, axis=0)) == 100
-    assert len(evaluation.test_starts("WamStereoReach-v0")) == 100
-    assert evaluation.test_starts("WamStereoReach-v0")[0]["options"]["joint_positions"].tolist() == poses[0].tolist()
+    assert len(evaluation.eval_initial_states("WamStereoReach-v0")) == 100
+    assert (
+        evaluation.eval_initial_states("WamStereoReach-v0")[0]["options"]["joint_positions"].tolist()
+        == poses[0].tolist()
+    )
 
 
 def test_an_environment_without_test_poses_gets_seeded_starts() -> None:
     with pytest.raises(ConfigError) as error:
-        evaluation.test_poses("FakeReach-v0")
+        evaluation.eval_poses("FakeReach-v0")
     assert str(error.value) == "no test poses for 'FakeReach-v0'; use random ones with --poses N --seed S"
-    assert evaluation.test_starts("FakeReach-v0") == random_starts(100, seed=0)
-    assert evaluation.test_starts("WamStereoReach-v0", {"arm": "kuka"}) == random_starts(100, seed=0)
+    assert evaluation.eval_initial_states("FakeReach-v0") == random_initial_states(100, seed=0)
+    assert evaluation.eval_initial_states("WamStereoReach-v0", {"arm": "kuka"}) == random_initial_states(100, seed=0)
 
 
 def test_pose_starts_fix_everything_else_by_a_seed() -> None:
-    starts = pose_starts(np.zeros((2, 4)))
-    assert [start["seed"] for start in starts] == [0, 1]
+    initial_states = pose_initial_states(np.zeros((2, 4)))
+    assert [start["seed"] for start in initial_states] == [0, 1]
 
 
 def test_checkpoints_are_the_papers_below_the_end() -> None:

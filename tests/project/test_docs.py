@@ -40,7 +40,7 @@ TINY = {
     "evaluate": ("--n-envs", "1", *QUICK),
     "check": ("--poses", "20", "--steps", "5"),
     "plot": (),
-    "play_images": QUICK,
+    "predict": QUICK,
 }
 TINY_ASSIGNMENTS = {
     "-params": ("learning_starts:10", "batch_size:4", "buffer_size:50"),

@@ -113,13 +113,13 @@ def test_the_wheel_works_away_from_the_checkout(tmp_path: Path) -> None:
     code = """
 import gymnasium as gym, sb3_stereo
 from sb3_stereo.config.schema import load_config
-from sb3_stereo.evaluation.protocol import test_poses
+from sb3_stereo.evaluation.protocol import eval_poses
 env = gym.make("WamStereoReach-v0")
 observation, _ = env.reset(seed=1)
 env.step(env.action_space.sample())
 env.close()
 load_config("ddpg", "WamStereoReach-v0")
-print(sb3_stereo.__file__, observation.shape, test_poses("WamStereoReach-v0").shape)
+print(sb3_stereo.__file__, observation.shape, eval_poses("WamStereoReach-v0").shape)
 """
     run = subprocess.run([python, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout.splitlines()[-1] == f"{site / 'sb3_stereo' / '__init__.py'} (1, 84, 84) (100, 4)"

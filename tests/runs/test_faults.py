@@ -11,7 +11,7 @@ from faulty_disk import FaultyDisk, Killed, every
 from tiny_training import tiny_config
 
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 from sb3_stereo.runs.status import has_ended
 from sb3_stereo.training import Options, Result, resume, session, train
 
@@ -20,14 +20,14 @@ MAX_FAULTS = 500
 
 
 @pytest.fixture(autouse=True)
-def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "test_starts", lambda *_: random_starts(3, seed=0))
+def few_initial_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(3, seed=0))
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(session, "test_starts", lambda *_: random_starts(3, seed=0))
+        patch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(3, seed=0))
         return train(CONFIG, options(tmp_path_factory.mktemp("logs"))).run
 
 

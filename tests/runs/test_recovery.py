@@ -18,7 +18,7 @@ from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import Config
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 from sb3_stereo.runs import creation, snapshots, status
 from sb3_stereo.runs.directory import load_record
 from sb3_stereo.runs.files import sha256
@@ -44,8 +44,8 @@ class Kill(BaseCallback):
 
 
 @pytest.fixture(autouse=True)
-def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "test_starts", lambda *_: random_starts(3, seed=0))
+def few_initial_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(3, seed=0))
 
 
 def config() -> Config:
@@ -74,14 +74,14 @@ def killed(logs: Path, at: int = 19, **changes: Any) -> Path:
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(session, "test_starts", lambda *_: random_starts(3, seed=0))
+        patch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(3, seed=0))
         return train(config(), options(tmp_path_factory.mktemp("logs"))).run
 
 
 @pytest.fixture(scope="module")
 def killed_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(session, "test_starts", lambda *_: random_starts(3, seed=0))
+        patch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(3, seed=0))
         return killed(tmp_path_factory.mktemp("logs"))
 
 
@@ -273,7 +273,7 @@ def test_a_clock_that_went_back_does_not_mix_up_tensorboard(
     monkeypatch.setattr(time, "time", lambda: real() + 5000)
     run = killed(logs, tensorboard_log=str(tmp_path / "tb"))
     monkeypatch.undo()
-    monkeypatch.setattr(session, "test_starts", lambda *_: random_starts(3, seed=0))
+    monkeypatch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(3, seed=0))
     resume_quietly(run)
     assert [step for step, _ in events(tmp_path / "tb" / ENV / "DDPG_1")] == [10, 20, 24]
 

@@ -13,7 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import DEFAULT_ENV, Config, load_config
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.evaluation.protocol import random_starts
+from sb3_stereo.evaluation.protocol import random_initial_states
 from sb3_stereo.runs import snapshots
 from sb3_stereo.runs.directory import load_record, model_path
 from sb3_stereo.runs.models import load_model
@@ -41,8 +41,8 @@ class Kill(BaseCallback):
 
 
 @pytest.fixture(autouse=True)
-def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "test_starts", lambda *_: random_starts(4, seed=0))
+def few_initial_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "eval_initial_states", lambda *_: random_initial_states(4, seed=0))
 
 
 def config(algo: str = "ddpg", n_envs: int = 1, env_id: str = fake_reach.ENV_ID, **changes: Any) -> Config:

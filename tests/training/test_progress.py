@@ -7,7 +7,7 @@ import pytest
 
 from sb3_stereo.commands.train import settings_table
 from sb3_stereo.config.schema import load_config, settings
-from sb3_stereo.console import Bar, duration, say
+from sb3_stereo.console import Bar, duration, print_line
 from sb3_stereo.evaluation import scores
 
 
@@ -50,7 +50,7 @@ def test_a_bar_shows_the_count_and_lines_stay_whole(capsys: pytest.CaptureFixtur
     pytest.importorskip("tqdm")
     bar = Bar(4, "pose", bar=True)
     bar.update(3, "fine")
-    say("a line")
+    print_line("a line")
     bar.update(4)
     bar.close()
     bar.close()
@@ -82,7 +82,7 @@ def test_the_scores_are_one_line_each() -> None:
     }
     unreached = score | {"success_rate": 0.0, "mean_steps_success": float("nan")}
     assert scores.score_table({1500: unreached, 2000: score}).splitlines() == [
-        "  steps  reached  steps when reached  return   |a|     Q  after",
-        "   1500      0 %                   –    1.00  0.25  0.75   30 s",
-        "   2000     50 %                2.00    1.00  0.25  0.75   30 s",
+        "  steps  success  episode length  return   |a|     Q  after",
+        "   1500      0 %               –    1.00  0.25  0.75   30 s",
+        "   2000     50 %            2.00    1.00  0.25  0.75   30 s",
     ]

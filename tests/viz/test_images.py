@@ -14,7 +14,7 @@ import pytest
 from tiny_training import TINY
 
 from benchmarks.analysis.detection import DISTURBANCES, pose_frames
-from sb3_stereo.commands import play_images
+from sb3_stereo.commands import predict
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.composite import Composite
 from sb3_stereo.envs.markers import find_blobs
@@ -136,7 +136,7 @@ def test_the_efforts_are_those_of_the_agent_in_newton_metres(
     run: Path, folders: list[str], frames: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     flags = ["--model", str(run), "--num-threads", "1", "--device", "cpu"]
-    assert play_images.main([*folders, *flags, "--json", "--draw", str(tmp_path / "drawn")]) == 0
+    assert predict.main([*folders, *flags, "--json", "--draw", str(tmp_path / "drawn")]) == 0
     answers = [json.loads(line) for line in capsys.readouterr().out.splitlines() if line.startswith("{")]
     model = load_model(load_record(run)[0], run / "WamStereoReach-v0.zip", "cpu")
     action = model.predict(observe(frames[:2], STACK), deterministic=True)[0]
@@ -152,7 +152,7 @@ def test_the_efforts_are_those_of_the_agent_in_newton_metres(
     assert {path.name for path in (tmp_path / "drawn").iterdir()} == {"0001.png", "0002.png", "0003.png"}
 
     pair = [f"{folder}/0.png" for folder in folders]
-    assert play_images.main([*pair, *flags]) == 0
+    assert predict.main([*pair, *flags]) == 0
     lines = capsys.readouterr().out.splitlines()[-5:]
     assert lines[0] == " | ".join(pair)
     assert lines[1].startswith("  left    end effector (")
@@ -169,7 +169,7 @@ def test_where_a_marker_is_undecided_both_places_are_named_and_no_efforts_given(
     for path, image in zip(pair, (left, frames[1]), strict=True):
         cv2.imwrite(path, image[:, :, ::-1])
     flags = ["--model", str(run), "--num-threads", "1", "--device", "cpu"]
-    assert play_images.main([*pair, *flags, "--draw", str(tmp_path / "drawn")]) == 0
+    assert predict.main([*pair, *flags, "--draw", str(tmp_path / "drawn")]) == 0
     lines = capsys.readouterr().out.splitlines()[-5:]
     assert lines[1] == "  left    end effector undecided, target (124.7, 199.7)"
     assert lines[3:] == [
@@ -177,7 +177,7 @@ def test_where_a_marker_is_undecided_both_places_are_named_and_no_efforts_given(
         "  no efforts: the end effector in left may be at (49.7, 49.7) or at (199.7, 149.7); "
         "take away or cover what is not the marker, or give more light",
     ]
-    assert play_images.main([*pair, *flags, "--json"]) == 0
+    assert predict.main([*pair, *flags, "--json"]) == 0
     answer = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert answer["efforts"] is None and answer["views"]["left"]["end_effector"] is None
     assert list(answer["undecided"]) == ["left"] and list(answer["undecided"]["left"]) == ["end_effector"]
@@ -255,5 +255,5 @@ def test_what_is_no_image_is_one_sentence(
             f"no images in '{tmp_path / 'empty'}'; their names must end in .bmp, .jpeg, .jpg, .png, .tif, .tiff, .webp",
         ),
     ):
-        assert play_images.main([*sources, "--model", str(run), "--num-threads", "1"]) == 2
+        assert predict.main([*sources, "--model", str(run), "--num-threads", "1"]) == 2
         assert capsys.readouterr().err.endswith(f"error: {one_line(message)}\n")

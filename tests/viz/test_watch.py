@@ -15,7 +15,7 @@ from sb3_stereo.commands import enjoy
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.markers import Blobs, find_blobs
 from sb3_stereo.envs.wrappers import QuantizedActions, WatchedPulses
-from sb3_stereo.viz.drawing import GREEN, RED, Effort, Story, View, annotated, scene
+from sb3_stereo.viz.drawing import GREEN, RED, Caption, Effort, View, annotated, scene
 from sb3_stereo.viz.film import END, N_PARTS, PAUSE, Filmed
 
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (3, 4)).astype(np.float32)
@@ -156,8 +156,8 @@ def test_a_hidden_marker_gets_no_ring_and_no_distance() -> None:
 def test_a_scene_fits_any_number_of_views(n_views: int) -> None:
     frame = np.full((240, 320, 3), 255, np.uint8)
     view = View("a", frame, Blobs(np.array([10.0, 20.0]), np.array([300.0, 200.0])))
-    story = Story(["step 1"], [Effort("J1", 3.0, 0.5)], "reached")
-    height, width, _ = scene([view] * n_views, np.zeros((1, 42 * n_views, 84), np.uint8), story).shape
+    caption = Caption(["step 1"], [Effort("J1", 3.0, 0.5)], "reached")
+    height, width, _ = scene([view] * n_views, np.zeros((1, 42 * n_views, 84), np.uint8), caption).shape
     assert height % 2 == width % 2 == 0 and width >= 480 * n_views
 
 

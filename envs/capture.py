@@ -19,7 +19,7 @@ Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class Sight:
+class Capture:
     """One look.
 
     Attributes:
@@ -39,7 +39,7 @@ class Sight:
         return np.hypot(self.offsets[:, 0], self.offsets[:, 1])
 
 
-class Eyes:
+class CameraRig:
     """The cameras, and the markers that they look for.
 
     Args:
@@ -65,7 +65,7 @@ class Eyes:
         """Where the markers are in an image like a view's, of which red and blue pixels are known: 255, else 0."""
         return self._measure.locate(red, blue, self._radii[view])
 
-    def look(self, target_position: Floats) -> Sight:
+    def capture(self, target_position: Floats) -> Capture:
         """Take the frames and measure the markers' offset in each.
 
         Args:
@@ -74,7 +74,7 @@ class Eyes:
         position = self._place_markers(target_position)
         # Each frame is measured while the processor's cache still holds it.
         views = [(frame, self.find(n, frame).offset) for n, frame in enumerate(map(Camera.frame, self._cameras))]
-        return Sight(tuple(frame for frame, _ in views), np.array([offset for _, offset in views]), position)
+        return Capture(tuple(frame for frame, _ in views), np.array([offset for _, offset in views]), position)
 
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
         """Take the frames only."""

@@ -1,4 +1,4 @@
-"""Predict actions for ordinary images: `python -m sb3_stereo play_images LEFT RIGHT --model RUN`."""
+"""Predict actions for ordinary images: `python -m sb3_stereo predict LEFT RIGHT --model RUN`."""
 
 import argparse
 import json
@@ -20,14 +20,14 @@ from sb3_stereo.commands.flags import (
 )
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.real_images.player import Player, drawn, plain, told
+from sb3_stereo.real_images.player import Player, description, drawn, plain
 from sb3_stereo.real_images.sources import image_sets, make_folder, write_image
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
-        prog=command_line("play_images"),
+        prog=command_line("predict"),
         description="Detect the markers in images and print the agent's joint torques.",
     )
     parser.add_argument(
@@ -64,7 +64,7 @@ def load_player(args: argparse.Namespace) -> Player:
     return Player(load_model(config, path, args.device, args.trust), env)
 
 
-def play_images_command(args: argparse.Namespace) -> int:
+def predict_command(args: argparse.Namespace) -> int:
     """Answer every set of images."""
     runtime.tune_allocator()
     images: Iterator[Any] = image_sets(args.sources)
@@ -78,7 +78,7 @@ def play_images_command(args: argparse.Namespace) -> int:
         make_folder(args.draw)
     for number, moment in enumerate(islice(images, args.n), 1):
         answer = player.answer(moment)
-        print(json.dumps(plain(answer)) if args.json else told(answer, player.rho), flush=True)
+        print(json.dumps(plain(answer)) if args.json else description(answer, player.rho), flush=True)
         if args.draw:
             write_image(args.draw / f"{number:04}.png", drawn(answer, player.rho))
     return 0
@@ -90,7 +90,7 @@ def main(argv: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
     """
-    return run_command(play_images_command, make_parser().parse_args(argv))
+    return run_command(predict_command, make_parser().parse_args(argv))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ FAR = 8.0  # [px]
 
 
 @dataclass(frozen=True)
-class Survey:
+class Diagnosis:
     """Measurements; shares are from 0 to 1.
 
     Attributes:
@@ -36,7 +36,7 @@ class Survey:
         misplaced: Share of the views of free poses where a marker's blob is more than `FAR` from where it should be: a
             shell of that colour. (What hides half a marker moves its blob less.)
         mirrored_joints: Joints whose sign the mirror image through y = 0 changes; None if no choice mirrors the arm.
-        unlikeness: How much pictures of mirrored poses differ from mirrored pictures, where 1 is what two random poses
+        mirror_error: How much images of mirrored poses differ from mirrored images, where 1 is what two random poses
             differ by; NaN without mirrored joints, or where no two poses differ.
     """
 
@@ -53,10 +53,10 @@ class Survey:
     seen: tuple[float, float]
     misplaced: float
     mirrored_joints: tuple[str, ...] | None
-    unlikeness: float
+    mirror_error: float
 
 
-def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: int = 0) -> Survey:
+def diagnose(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: int = 0) -> Diagnosis:
     """Measure an environment.
 
     Args:
@@ -78,7 +78,7 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
     views = [env.reset(options={"joint_positions": pose})[1] for pose in free]
     seen = np.array([~np.isnan(info["pixel_distances"]) for info in views])
     mirrored = _mirrored_joints(env, poses[:5])
-    return Survey(
+    return Diagnosis(
         joints=env.arm.spec.joints,
         sliding=env.arm.joints.sliding,
         limits=env.arm.limits,
@@ -92,7 +92,7 @@ def survey(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: i
         seen=(float(seen.all(axis=1).mean()), float(seen.any(axis=1).mean())),
         misplaced=float(np.mean([_misplaced(env, info) for info in views])),
         mirrored_joints=mirrored,
-        unlikeness=float("nan") if mirrored is None else _unlikeness(env, mirrored, free[:50]),
+        mirror_error=float("nan") if mirrored is None else _mirror_error(env, mirrored, free[:50]),
     )
 
 
@@ -136,7 +136,7 @@ def _mirrored_joints(env: StereoReachEnv, poses: Floats) -> tuple[str, ...] | No
     return None
 
 
-def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: list[Floats]) -> float:
+def _mirror_error(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: list[Floats]) -> float:
     signs = np.array([-1.0 if joint in mirrored_joints else 1.0 for joint in env.arm.spec.joints])
 
     def views(pose: Floats) -> Floats:
@@ -149,7 +149,7 @@ def _unlikeness(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: li
     return float(np.abs(images - mirrored).mean() / apart) if apart else float("nan")  # one pose, or out of sight
 
 
-def describe(result: Survey) -> str:
+def describe(result: Diagnosis) -> str:
     """Return the measurements as lines for a person."""
     lines = ["joint                      lower   upper   a full action moves it by"]
     for joint, sliding, *numbers in zip(result.joints, result.sliding, *result.limits.T, result.travel, strict=True):
@@ -158,7 +158,7 @@ def describe(result: Survey) -> str:
     mirrored = "null: no choice of signs mirrors the arm"
     if result.mirrored_joints is not None:
         mirrored = f"{', '.join(result.mirrored_joints) or 'none of them'}, with images that differ from the mirrored "
-        mirrored += f"ones by {result.unlikeness:.0%} of what two poses differ by"
+        mirrored += f"ones by {result.mirror_error:.0%} of what two poses differ by"
     (everywhere, somewhere), random_steps = result.seen, result.random_steps
     lines += [
         _collisions(result),
@@ -170,7 +170,7 @@ def describe(result: Survey) -> str:
     return "\n".join(lines)
 
 
-def _collisions(result: Survey) -> str:
+def _collisions(result: Diagnosis) -> str:
     if not result.solid:
         return (
             "free of collisions: not known, as no link that moves has a collision shape and nothing stops it; "
