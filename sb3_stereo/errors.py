@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 MAX_LENGTH = 2000  # of a sentence, in characters
+MAX_NAME = 100  # of a name that is unknown; ours are shorter
 
 
 class ConfigError(ValueError):
@@ -34,9 +35,10 @@ def unknown(what: str, name: object, allowed: Iterable[str]) -> ConfigError:
         allowed: The names that exist.
     """
     choices = sorted(allowed)
-    close = difflib.get_close_matches(str(name), choices, n=1)
+    given = str(name) if len(str(name)) <= MAX_NAME else f"{str(name)[:MAX_NAME]}…"
+    close = difflib.get_close_matches(given, choices, n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
-    return ConfigError(f"unknown {what} '{name}'{hint}; allowed are: {', '.join(choices) or 'none'}")
+    return ConfigError(f"unknown {what} '{given}'{hint}; allowed are: {', '.join(choices) or 'none'}")
 
 
 @contextmanager

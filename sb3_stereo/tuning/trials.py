@@ -1,6 +1,5 @@
 """Training runs as trials of Ray Tune, each in a process of its own: trained once, resumed, retried and reported."""
 
-import fcntl
 import hashlib
 import shutil
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from filelock import FileLock
 from ray import tune
 from ray.tune.experiment import Trial as TuneTrial
 from ray.tune.search import BasicVariantGenerator
@@ -106,8 +106,7 @@ def _alone(folder: Path, config: Config, seed: int) -> Iterator[None]:
     locks = folder / ".locks"
     locks.mkdir(parents=True, exist_ok=True)
     name = hashlib.sha1(yaml.safe_dump([config.plain(), seed]).encode()).hexdigest()
-    with (locks / name).open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with FileLock(locks / name):
         yield
 
 

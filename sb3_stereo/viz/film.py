@@ -1,6 +1,7 @@
 """Videos of an agent: both views, the measured distances and the network's image, as .mp4 or .gif."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -8,6 +9,7 @@ import cv2
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as pillow
 
 from sb3_stereo.envs.wrappers import WatchedPulses
 from sb3_stereo.errors import ConfigError
@@ -75,34 +77,41 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
 
 
 class Mp4:
-    """VP9 in an .mp4, which browsers play; by OpenCV."""
+    """H.264 in an .mp4, which browsers, phones and slides play; by imageio's FFmpeg."""
 
     def __init__(self, file: Path, fps: float) -> None:
-        self.file, self.fps = file, fps
+        import imageio_ffmpeg
+
+        self._write_frames = partial(
+            imageio_ffmpeg.write_frames,
+            str(file),
+            fps=fps,
+            codec="libx264",
+            macro_block_size=2,
+            ffmpeg_log_level="error",
+        )
         self._writer: Any = None
 
     def write(self, picture: Image, n: int) -> None:
         """Append an RGB picture that stands for `n` frames; the first one's size is the film's."""
         if self._writer is None:
             height, width, _ = picture.shape
-            codec = cv2.VideoWriter.fourcc(*"vp09")
-            self._writer = cv2.VideoWriter(str(self.file), codec, self.fps, (width, height))
+            self._writer = self._write_frames(size=(width, height))
+            self._writer.send(None)
         for _ in range(n):
-            self._writer.write(np.ascontiguousarray(picture[:, :, ::-1]))
+            self._writer.send(np.ascontiguousarray(picture))
 
     def close(self) -> None:
         """Finish the file."""
         if self._writer is not None:
-            self._writer.release()
+            self._writer.close()
 
 
 class Gif:
     """An endless .gif, small enough for a page; by Pillow."""
 
     def __init__(self, file: Path, fps: float) -> None:
-        from PIL import Image as pillow
-
-        self.file, self.fps, self._pillow = file, fps, pillow
+        self.file, self.fps = file, fps
         self._palette: Any = None
         self._pictures: list[Any] = []
         self._milliseconds: list[int] = []
@@ -112,9 +121,9 @@ class Gif:
         small = cv2.resize(picture, None, fx=GIF_SCALE, fy=GIF_SCALE, interpolation=cv2.INTER_AREA)
         if self._palette is None:  # one for all, so that what stands still costs nothing
             inks = np.full((40, small.shape[1], 3), GREEN, np.uint8)
-            self._palette = self._pillow.fromarray(np.vstack([small, inks])).quantize(GIF_COLOURS)
-        image = self._pillow.fromarray(small)
-        self._pictures.append(image.quantize(palette=self._palette, dither=self._pillow.Dither.NONE))
+            self._palette = pillow.fromarray(np.vstack([small, inks])).quantize(GIF_COLOURS)
+        image = pillow.fromarray(small)
+        self._pictures.append(image.quantize(palette=self._palette, dither=pillow.Dither.NONE))
         self._milliseconds.append(round(1000 * n / self.fps))
 
     def close(self) -> None:
@@ -133,9 +142,23 @@ def make_writer(file: Path, fps: float) -> Writer:
     """
     if file.suffix not in FORMATS:
         raise ConfigError(f"cannot write the video '{file}'; the name must end in {', '.join(FORMATS)}")
+    if file.is_dir():
+        raise ConfigError(f"cannot write the video '{file}', which is a folder; choose another name with --video")
     if not file.parent.is_dir():
         raise ConfigError(f"cannot write '{file}' (no folder '{file.parent}'); choose another with --video")
+    _try_writing(file)
     try:
         return Mp4(file, fps) if file.suffix == ".mp4" else Gif(file, fps)
     except ModuleNotFoundError as error:
-        raise ConfigError('a .gif needs Pillow; install it with: pip install "sb3_stereo[film]"') from error
+        raise ConfigError('an .mp4 needs imageio-ffmpeg; install it with: pip install "sb3_stereo[film]"') from error
+
+
+def _try_writing(file: Path) -> None:
+    """Raise a ConfigError if a file cannot be written: FFmpeg would say so only after the first episode."""
+    existed = file.exists()
+    try:
+        file.open("ab").close()
+    except OSError as error:
+        raise ConfigError(f"cannot write '{file}' ({error.strerror}); choose another with --video") from error
+    if not existed:
+        file.unlink()

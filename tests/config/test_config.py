@@ -9,7 +9,7 @@ import yaml
 
 from sb3_stereo.config.schema import ALGORITHMS, Config, load_config, parse_config
 from sb3_stereo.config.values import parse_assignments
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.errors import ConfigError, unknown
 
 MINIMAL = {"n_timesteps": 100, "policy": "CnnPolicy"}
 
@@ -162,6 +162,10 @@ def test_unknown_algorithms_and_environments_are_named() -> None:
         ConfigError, match=r"^unknown environment 'WamStereoReach-v9' \(did you mean 'WamStereoReach-v1'\?"
     ):
         load_config("ddpg", "WamStereoReach-v9")
+
+
+def test_a_very_long_name_is_cut() -> None:
+    assert str(unknown("policy", "x" * 5000, ["a"])) == f"unknown policy '{'x' * 100}…'; allowed are: a"
 
 
 def test_unreadable_files_are_named(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ N_KILLS = 4
 
 
 def run_of(logs: Path) -> Path:
-    return logs / "ddpg" / "WamStereoReach-v0_1"
+    return logs / "ddpg" / "WamStereoReach-v1_1"
 
 
 def partials(run: Path) -> list[Path]:
@@ -76,7 +76,7 @@ def test_sigkill_at_any_moment_changes_nothing(tmp_path: Path) -> None:
     kill_while_writing(process, run)
     assert start("--resume", str(run)).wait() in (0, 2)  # 2: it had ended before it could be killed
 
-    models = [load_model(load_record(path)[0], path / "WamStereoReach-v0.zip", "cpu") for path in (run, expected)]
+    models = [load_model(load_record(path)[0], path / "WamStereoReach-v1.zip", "cpu") for path in (run, expected)]
     assert_same(models[0].get_parameters(), models[1].get_parameters())
     assert rows(run / "evaluations.csv", "seconds") == rows(expected / "evaluations.csv", "seconds")
     assert rows(run / "0.monitor.csv", "t") == rows(expected / "0.monitor.csv", "t")

@@ -93,7 +93,7 @@ def wait_for_checkpoint(process: "subprocess.Popen[str]", run: Path, known: set[
 @pytest.mark.timeout(1200)
 def test_killed_workers_leave_no_process_and_no_shared_memory_and_the_run_goes_on(logs: Path) -> None:
     """The command itself on the real environment: SIGKILL for one worker after each new checkpoint."""
-    run = logs / "ddpg" / "WamStereoReach-v0_1"
+    run = logs / "ddpg" / "WamStereoReach-v1_1"
     command = [sys.executable, "-m", "sb3_stereo", "train"]
     first = ["--seed", "1", "-n", "120", "-f", str(logs), "--vec-env", "subproc", "--save-freq", "20"]
     first += ["--num-threads", "1", "--eval-freq", "-1", "--n-eval-envs", "1", "--device", "cpu"]

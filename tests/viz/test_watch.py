@@ -15,8 +15,9 @@ from sb3_stereo.commands import enjoy
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.markers import Blobs, find_blobs
 from sb3_stereo.envs.wrappers import QuantizedActions, WatchedPulses
+from sb3_stereo.errors import ConfigError
 from sb3_stereo.viz.drawing import GREEN, RED, Caption, Effort, View, annotated, scene
-from sb3_stereo.viz.film import END, N_PARTS, PAUSE, Filmed
+from sb3_stereo.viz.film import END, N_PARTS, PAUSE, Filmed, make_writer
 
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (3, 4)).astype(np.float32)
 
@@ -185,6 +186,8 @@ def test_enjoy_films_whole_episodes_that_can_be_played(
     output = capsys.readouterr().out
     assert "rl_model_15_steps.zip" in output and f"Filmed into {file}" in output and "1 episodes" in output
     film = cv2.VideoCapture(str(file))
+    if suffix == ".mp4":
+        assert int(film.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"h264"
     frames = [film.read()[1] for _ in range(2 * N_PARTS)]  # a GIF's pictures stand longer instead of coming again
     assert frames[0].shape[1] > 700
     assert not np.array_equal(frames[0], frames[-1])
@@ -194,6 +197,7 @@ def test_enjoy_films_whole_episodes_that_can_be_played(
     ("flags", "message"),
     [
         (["--video", "film.avi"], "cannot write the video 'film.avi'; the name must end in .gif, .mp4"),
+        (["--video", "."], "cannot write the video '.'; the name must end in .gif, .mp4"),
         (
             ["--video", "nowhere/film.gif"],
             "cannot write 'nowhere/film.gif' (no folder 'nowhere'); choose another with --video",
@@ -205,6 +209,20 @@ def test_what_cannot_be_filmed_is_one_sentence(
 ) -> None:
     assert play(wam_logs, *flags) == 2
     assert capsys.readouterr().err == f"error: {message}\n"
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_place_where_nothing_can_be_written_is_one_sentence(suffix: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^cannot write '/proc/film{suffix}' \(No such file or directory\); "):
+        make_writer(Path(f"/proc/film{suffix}"), 12.0)
+
+
+def test_a_folder_is_no_video(tmp_path: Path) -> None:
+    folder = tmp_path / "film.mp4"
+    folder.mkdir()
+    with pytest.raises(ConfigError) as error:
+        make_writer(folder, 12.0)
+    assert str(error.value) == f"cannot write the video '{folder}', which is a folder; choose another name with --video"
 
 
 def test_an_environment_without_cameras_says_so(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
