@@ -150,7 +150,7 @@ def _mirror_error(env: StereoReachEnv, mirrored_joints: tuple[str, ...], poses: 
 
 
 def describe(result: Diagnosis) -> str:
-    """Return the measurements as lines for a person."""
+    """Return the measurements as human-readable lines."""
     lines = ["joint                      lower   upper   a full action moves it by"]
     for joint, sliding, *numbers in zip(result.joints, result.sliding, *result.limits.T, result.travel, strict=True):
         low, high, travel = (f"{1000 * n:8.0f}" if sliding else f"{n:8.2f}" for n in numbers)

@@ -1,4 +1,4 @@
-"""Does the critic learn the task, or its samples by heart? A short test before a long training.
+"""Does the critic learn the task or memorise its samples? A short test before a long training run.
 
     python -m benchmarks.analysis.generalisation
 

@@ -50,7 +50,7 @@ def measure(rounds: int = ROUNDS) -> dict[str, tuple[float, ...]]:
 
 
 def serve_training(num_threads: int) -> None:
-    """Be one of the trainings."""
+    """Be one of the training runs."""
     from benchmarks.speed.trainings import make_training
 
     model, _ = make_training()

@@ -68,7 +68,7 @@ def report(result: Mapping[str, Any]) -> str:
         f"{result['n_timesteps']} steps on {ENV_ID}, each with one thread, on a local Ray; without the time that Ray "
         "takes to start and end, and with it.",
         "",
-        "| workers | trainings, s | speed-up | whole command, s | speed-up |",
+        "| workers | training, s | speed-up | whole command, s | speed-up |",
         "| --- | --- | --- | --- | --- |",
     ]
     one = result["seconds"]["1"]

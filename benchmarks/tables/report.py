@@ -79,7 +79,7 @@ SCORES = {
 
 
 def comparison(rows: Sequence[Row]) -> list[str]:
-    """DDPG against DQN at the end of their trainings, for the pairs that have two seeds each."""
+    """DDPG against DQN at the end of training, for the pairs that have two seeds each."""
     by_name = {row.name: row for row in rows}
     pairs = [(by_name[ddpg], by_name[dqn]) for ddpg, dqn in PAIRS if by_name.keys() >= {ddpg, dqn}]
     measured = [pair for pair in pairs if all(len(matrix(row, "success_rate")) > 1 for row in pair)]
@@ -88,7 +88,7 @@ def comparison(rows: Sequence[Row]) -> list[str]:
     head = ["DDPG", "DQN", "seeds", "score", "DDPG minus DQN", "DDPG is better"]
     lines = [head, ["---"] * len(head), *(_verdict(*pair, column) for pair in measured for column in SCORES)]
     text = "\n".join(map(line_of, lines))
-    return [f"## Is DDPG better than DQN?\n\nAt the end of their trainings.\n\n{text}\n"]
+    return [f"## Is DDPG better than DQN?\n\nAt the end of training.\n\n{text}\n"]
 
 
 def _verdict(ddpg: Row, dqn: Row, column: str) -> list[str]:

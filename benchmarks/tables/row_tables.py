@@ -159,7 +159,7 @@ def success_of(entry: Line) -> float:
 
 
 def steps_of(entry: Line) -> list[str]:
-    """A baseline's steps: when reached, and with failures counted as the cap."""
+    """A baseline's episode length: of successes, and with failures counted as the cap."""
     return [mean(np.array([float(entry[column])])) for column in ("mean_steps_success", "mean_steps_capped")]
 
 

@@ -52,7 +52,7 @@ class Blur(nn.Module):
     """Blur an image with a Gaussian and keep every `downsample`-th row and column.
 
     A link is one or two pixels wide in the composite, so two near poses hardly share a pixel and a network learns
-    each by heart. Blurred, they overlap, and what is learnt of one holds for the other.
+    memorises each. Blurred, they overlap, and what is learnt of one holds for the other.
 
     Args:
         shape: Of one image, (channels, height, width).

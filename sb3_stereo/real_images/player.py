@@ -76,7 +76,7 @@ class Player:
 
 
 def description(answer: Answer, rho: float) -> str:
-    """Write an answer for a person."""
+    """Describe an answer in words."""
     lines = [one_line(" | ".join(answer.names))]
     for view in answer.views:
         red, blue = (_place(answer, view.name, *known) for known in zip(MARKERS, view.blobs, strict=True))

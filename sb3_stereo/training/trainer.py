@@ -50,7 +50,7 @@ def train(
                 return Session(run, config, options, folder, on_evaluation=on_evaluation).train(signals)
         except Refused:
             for made in [run, *([folder] if folder else [])]:
-                shutil.rmtree(made)  # it has nothing in it yet
+                shutil.rmtree(made, ignore_errors=True)  # it has nothing in it yet
             raise
 
 

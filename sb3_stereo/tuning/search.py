@@ -57,7 +57,7 @@ class Job:
         return self.trial(self.sweep.setting(suggestion), self.sweep.seeds[suggestion[TRIAL_INDEX]])
 
     def listed(self) -> list[Training]:
-        """Return the trainings of grid and random: every setting with every seed."""
+        """Return the training runs of grid and random: every setting with every seed."""
         return [self.trial(setting, seed) for setting in self.sweep.settings() for seed in self.sweep.seeds]
 
     def trial(self, params: Mapping[str, Any], seed: int) -> Training:

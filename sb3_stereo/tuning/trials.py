@@ -29,7 +29,7 @@ from sb3_stereo.tuning.config import Metric, Resources
 from sb3_stereo.tuning.records import defined, find_trial, scores, state
 from sb3_stereo.tuning.stopping import SCORES, STEPS
 
-INDEX = "training"  # what Tune suggests where trainings are known beforehand
+INDEX = "training"  # what Tune suggests where the runs are known beforehand
 
 
 @dataclass(frozen=True)
@@ -201,12 +201,12 @@ def fit_listed(
     tune_config: Mapping[str, Any] | None = None,
     verbose: int = 1,
 ) -> list[str]:
-    """Run trainings that are known beforehand, in their order, and return what failed.
+    """Run training runs that are known beforehand, in their order, and return what failed.
 
     Args:
-        trainings: The trainings.
+        trainings: The training runs.
         folder: As in `fit`.
-        workers: Trainings at a time; 0 leaves it to the resources.
+        workers: Training runs at a time; 0 leaves it to the resources.
         retries: As in `fit`.
         on_end: As in `Watch`.
         resources: What a training occupies; by default one core.

@@ -31,7 +31,7 @@ def test_what_is_linear_in_the_features_is_read_and_noise_is_not() -> None:
 
 def test_errors_are_of_poses_that_took_no_part_in_the_fit() -> None:
     rng = np.random.default_rng(0)
-    features, positions = rng.normal(size=(100, 90)), rng.uniform(-1, 1, (100, 3))  # could be learnt by heart
+    features, positions = rng.normal(size=(100, 90)), rng.uniform(-1, 1, (100, 3))  # could be memorised
     assert np.median(read_positions(features, positions)) > 0.5
 
 

@@ -44,7 +44,7 @@ def trained(logs: Path, env: str, seed: int, vec_env: str, n_envs: int) -> dict[
     )
     (run,) = (logs / "ddpg").iterdir()
     config = load_record(run)[0]
-    parameters: dict[str, Any] = load_model(config, next(run.glob("*Reach-v0.zip")), "cpu").get_parameters()
+    parameters: dict[str, Any] = load_model(config, next(run.glob("*Reach-v[01].zip")), "cpu").get_parameters()
     return parameters
 
 

@@ -78,7 +78,7 @@ class Session:
 def wait_for(condition: Callable[[], Any], seconds: float, process: "subprocess.Popen[str] | None" = None) -> None:
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, "waited in vain"
+        assert time.monotonic() < end, "waited too long"
         assert process is None or process.poll() is None, process.communicate()
         time.sleep(0.2)
 
