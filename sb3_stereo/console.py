@@ -6,7 +6,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 class Bar:
@@ -15,7 +18,7 @@ class Bar:
     Args:
         total: Where the count ends.
         unit: What is counted, in the singular.
-        bar: True draws a bar with tqdm, False prints lines, None decides by whether stderr is a terminal.
+        bar: True draws a bar with rich, False prints lines, None decides by whether stderr is a terminal.
         interval: Seconds between two lines.
         done: Where the count starts.
     """
@@ -23,13 +26,12 @@ class Bar:
     def __init__(self, total: int, unit: str, bar: bool | None = None, interval: float = 30.0, done: int = 0) -> None:
         self.total, self.unit, self.interval, self.first = total, unit, interval, done
         self.start = self.last_line = time.monotonic()
-        self.pbar = _make_bar(total, unit, done) if (sys.stderr.isatty() if bar is None else bar) else None
+        self.progress = _make_bar(total, unit, done) if (sys.stderr.isatty() if bar is None else bar) else None
 
     def update(self, done: int, note: str = "") -> None:
         """Show that `done` of the total are done, with a note on how it goes."""
-        if self.pbar is not None:
-            self.pbar.set_postfix_str(note, refresh=False)
-            self.pbar.update(done - self.pbar.n)
+        if self.progress is not None:
+            self.progress.update(self.progress.task_ids[0], completed=done, note=note)
         elif time.monotonic() - self.last_line > self.interval:
             self.last_line = time.monotonic()
             speed = f"{(done - self.first) / (self.last_line - self.start):.1f} {self.unit}s/s"
@@ -44,20 +46,14 @@ class Bar:
 
     def close(self) -> None:
         """Leave the bar as it stands; may be called twice."""
-        if self.pbar is not None:
-            self.pbar.close()
-            self.pbar = None
+        if self.progress is not None:
+            self.progress.stop()
+            self.progress = None
 
 
 def print_line(line: str) -> None:
-    """Print a line on stdout, above a bar if there is one."""
-    try:
-        from tqdm import tqdm
-    except ImportError:
-        print(line)
-    else:
-        tqdm.write(line, file=sys.stdout)
-    sys.stdout.flush()
+    """Print a line on stdout at once; on a terminal it stands above the bar."""
+    print(line, flush=True)
 
 
 def duration(seconds: float) -> str:
@@ -67,12 +63,32 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _make_bar(total: int, unit: str, done: int) -> Any:
+def _make_bar(total: int, unit: str, done: int) -> "Progress | None":
     try:
-        from tqdm import tqdm
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
     except ImportError:  # the extra 'progress' is not installed: lines do as well
         return None
-    return tqdm(total=total, initial=done, unit=unit, dynamic_ncols=True, smoothing=0.05, file=sys.stderr)
+    progress = Progress(
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn(f"{unit}s"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+        console=Console(stderr=True, force_terminal=True),  # -P draws it in a log, too
+        redirect_stdout=sys.stdout.isatty(),  # what is piped must not be drawn on stderr
+    )
+    progress.add_task("", total=total, completed=done, note="")
+    progress.start()
+    return progress
 
 
 def aligned(rows: Sequence[Sequence[str]], right: bool = True) -> str:

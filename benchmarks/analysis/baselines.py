@@ -41,10 +41,8 @@ from sb3_stereo.runs.files import replacing
 from sb3_stereo.runtime import available_cores
 
 N_RANDOM = 3  # policies of random actions, whose scores are averaged
-N_CHOICE, CHOICE_SEED = (
-    50,
-    1,
-)  # initial states on which a constant action is chosen; those of other arms' tests have seed 0
+# A constant action is chosen on these initial states; those on which other arms are evaluated have seed 0.
+N_CHOICE, CHOICE_SEED = 50, 1
 N_GOAL_POSES = 200_000
 NEAR = 5.0  # [cm], the threshold of panda-gym and of Fetch
 SCORES = (
@@ -126,7 +124,7 @@ def line(kind: str, baseline: str, scores: Sequence[Evaluation], action: Iterabl
     Args:
         kind: A key of `BASELINES`.
         baseline: How the tables call it.
-        scores: Of which the means are recorded; episode length (successes) over those that have some.
+        scores: Of which the means are recorded; episode lengths over those with a success.
         action: If it is always the same.
     """
     means = {name: nan_mean([getattr(score, name) for score in scores]) for name in SCORES}

@@ -178,8 +178,8 @@ def check_flags(args: argparse.Namespace) -> None:
         raise ConfigError(f"--seed must be below {2**32}, got {args.seed}")
     if args.tensorboard_log and find_spec("tensorboard") is None:
         raise ConfigError("-tb needs TensorBoard; install it with: pip install 'sb3_stereo[tensorboard]'")
-    if args.progress and find_spec("tqdm") is None:
-        raise ConfigError("-P needs tqdm; install it with: pip install 'sb3_stereo[progress]'")
+    if args.progress and find_spec("rich") is None:
+        raise ConfigError("-P needs rich; install it with: pip install 'sb3_stereo[progress]'")
 
 
 def last_line(result: "Result", seconds: float) -> str:

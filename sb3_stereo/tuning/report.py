@@ -10,9 +10,8 @@ from typing import Any
 import yaml
 
 from sb3_stereo.config.schema import overridden
-from sb3_stereo.console import command_line
+from sb3_stereo.console import aligned, command_line
 from sb3_stereo.tuning.config import Sweep
-from sb3_stereo.tuning.parameters import Choice, Parameter
 from sb3_stereo.tuning.records import Setting, Trial, read_folder, settings
 
 BEST, PICTURE, TABLE = "best.yml", "slices.png", "trials.csv"
@@ -62,10 +61,8 @@ def table(sweep: Sweep, found: Sequence[Setting]) -> str:
         runs = [trial.run.name.rpartition("_")[2] for trial in setting.trials]
         progress = [f"{len(setting.trials)} of {len(sweep.seeds)}", str(steps), ", ".join(states), ",".join(runs)]
         rows.append([*params, f"{setting.score:.4g}", *progress])
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip() for row in rows]
     rest = len(found) - N_SHOWN
-    return "\n".join(lines + ([f"... and {rest} more settings"] if rest > 0 else []))
+    return "\n".join([aligned(rows, right=False), *([f"  ... and {rest} more settings"] if rest > 0 else [])])
 
 
 def format_value(value: Any) -> str:
@@ -98,42 +95,13 @@ def write_best(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
 
 
 def picture_line(sweep: Sweep, found: Sequence[Setting], file: Path) -> str:
-    """Draw the picture and say where it is, or what is missing for it."""
+    """Write the study, draw its slices and say where they are, or what is missing for it."""
     try:
-        draw(sweep, [setting for setting in found if setting.is_complete], file)
+        from sb3_stereo.tuning.study import JOURNAL, draw_slices, write_study
+
+        study = write_study(sweep, [setting for setting in found if setting.is_complete], file.parent)
+        draw_slices(study, sweep, file)
     except ModuleNotFoundError as error:
         return f'No plot: it needs {error.name}; install it with: pip install "sb3_stereo[sweep]"'
-    return f"The metric over each parameter: {os.path.relpath(file)}"
-
-
-def draw(sweep: Sweep, found: Sequence[Setting], file: Path) -> None:
-    """Draw the metric over each parameter: small dots are trials, large ones means over seeds, the best in colour."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    n = len(sweep.parameters)
-    figure, axes = plt.subplots(1, n, figsize=(3.2 * n + 0.8, 3.6), sharey=True, squeeze=False, layout="constrained")
-    for parameter, panel in zip(sweep.parameters, axes[0], strict=True):
-        x = coordinates(parameter, [setting.params[parameter.name] for setting in found])
-        for at, setting in zip(x, found, strict=True):
-            panel.scatter([at] * len(setting.trials), [trial.score for trial in setting.trials], s=8, color="0.6")
-        panel.scatter(x, [setting.score for setting in found], s=36, color="0.3")
-        panel.scatter(x[:1], [found[0].score], s=60, color="C3", zorder=3)
-        if isinstance(parameter, Choice):
-            panel.set_xticks(range(len(parameter.values)), [format_value(value) for value in parameter.values])
-            panel.set_xlim(-0.5, len(parameter.values) - 0.5)
-        elif parameter.is_log:
-            panel.set_xscale("log")
-        panel.set_xlabel(parameter.name, fontsize="small")
-        panel.set_axisbelow(True)
-        panel.grid(alpha=0.3)
-    axes[0][0].set_ylabel(sweep.metric.name)
-    figure.savefig(file, dpi=120)
-    plt.close(figure)
-
-
-def coordinates(parameter: Parameter, values: Sequence[Any]) -> list[float]:
-    """Return where values stand on the axis: choices side by side in the order of the sweep's file."""
-    return [parameter.values.index(value) for value in values] if isinstance(parameter, Choice) else list(values)
+    journal = os.path.relpath(file.parent / JOURNAL)
+    return f"The metric over each parameter: {os.path.relpath(file)}\nFor optuna-dashboard: {journal}"

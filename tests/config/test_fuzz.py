@@ -256,12 +256,12 @@ def env() -> Any:
 @settings(max_examples=400, **SAME_EVERY_TIME)
 @given(action=env_values | st.lists(numbers, min_size=4, max_size=4) | st.text())
 def test_any_action_is_a_step_or_one_sentence(env: StereoReachEnv, action: Any) -> None:
-    before = env._sight.distances
+    before = env._captured.distances
     try:
         image, reward, terminated, truncated, _ = env.step(action)
     except ValueError as error:
         check_sentence(str(error))
-        np.testing.assert_array_equal(env._sight.distances, before)  # nothing has moved
+        np.testing.assert_array_equal(env._captured.distances, before)  # nothing has moved
     else:
         assert image.shape == (1, 84, 84) and image.dtype == np.uint8
         assert -1.0 <= reward <= 1.0 and not truncated

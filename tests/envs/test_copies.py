@@ -142,7 +142,7 @@ class Counter:
 
 def test_a_copy_has_watchers_of_its_own(env: StereoReachEnv) -> None:
     counter = Counter()
-    watched = WatchedPulses(env, counter.look, 4)
+    watched = WatchedPulses(env, counter.capture, 4)
     watched.reset(seed=0)
     twin = copy.deepcopy(watched)
     play(twin, [DOWN, DOWN])

@@ -47,7 +47,7 @@ def test_what_was_done_before_does_not_count_for_the_speed(clock: Clock) -> None
 
 
 def test_a_bar_shows_the_count_and_lines_stay_whole(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("tqdm")
+    pytest.importorskip("rich")
     bar = Bar(4, "pose", bar=True)
     bar.update(3, "fine")
     print_line("a line")

@@ -97,7 +97,7 @@ def test_killed_workers_leave_no_process_and_no_shared_memory_and_the_run_goes_o
     command = [sys.executable, "-m", "sb3_stereo", "train"]
     first = ["--seed", "1", "-n", "120", "-f", str(logs), "--vec-env", "subproc", "--save-freq", "20"]
     first += ["--num-threads", "1", "--eval-freq", "-1", "--n-eval-envs", "1", "--device", "cpu"]
-    first += ["--env-kwargs", "rho:50"]  # a goal that is soon reached: the score at the end takes seconds
+    first += ["--env-kwargs", "rho:100"]  # a goal that is soon reached: the score at the end takes seconds
     first += ["-params", "n_envs:2", "learning_starts:20", "batch_size:8", "gradient_steps:1", f"{SMALL}:4"]
     arguments, known, before = first, set[Path](), shared_memory()
     for kill in range(N_KILLS):

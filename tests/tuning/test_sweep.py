@@ -7,7 +7,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import fake_reach
+import optuna
 import pytest
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
 from tiny_sweep import BASE, RANGES, load_cheap
 
 from sb3_stereo.commands import evaluate
@@ -20,6 +23,7 @@ from sb3_stereo.tuning.records import STOPPED, Trial, claim, find_trial, is_done
 from sb3_stereo.tuning.report import BEST, PICTURE, TABLE, write_report
 from sb3_stereo.tuning.search import Job, bayes_arguments, optuna_search
 from sb3_stereo.tuning.space import optuna_space
+from sb3_stereo.tuning.study import JOURNAL
 from sb3_stereo.tuning.trials import Training, Watch, run_trial
 
 
@@ -227,6 +231,11 @@ def test_the_report_ranks_settings_by_their_mean_over_seeds(
     ]
     assert (logs / TABLE).read_text().splitlines()[1] == "FakeReach-v0_1,3,finished,30,4.0,0.5"
     assert (logs / PICTURE).stat().st_size > 1000
+    journal = JournalStorage(JournalFileBackend(str(logs / JOURNAL)))
+    done = optuna.load_study(study_name=None, storage=journal).trials
+    assert [(trial.params, trial.value) for trial in done] == [({"gamma": "0.5"}, 3.5), ({"gamma": "0.9"}, 3.0)]
+    assert done[1].user_attrs["scores"] == [2.0, 4.0]
+    assert write_report(found, logs).splitlines() == text  # written anew, not twice
     comment = (logs / BEST).read_text().splitlines()[0]
     assert comment == "# The best of 2 settings: eval/mean_steps_capped 3, the mean over 2 seeds."
     assert load_config("ddpg", fake_reach.ENV_ID, logs / BEST) == overridden(found.base, {"gamma": 0.9})
