@@ -127,6 +127,6 @@ print(sb3_stereo.__file__, observation.shape, eval_poses("WamStereoReach-v0").sh
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
     assert run.stdout == f"sb3_stereo {sb3_stereo.__version__}\n"
     for name in COMMANDS:  # what our messages name
-        command = [python, "-I", "-m", f"sb3_stereo.{name}", "--help"]
+        command = [python, "-I", "-m", "sb3_stereo", name, "--help"]
         run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
         assert run.stdout.startswith(f"usage: {command_line(name)} ")
