@@ -18,6 +18,7 @@ class ReferenceCnn(StereoCnn):
 
 
 REFERENCE = (
+    *("--gym-packages", __name__),
     "-params",
     f"policy_kwargs.features_extractor_class:{__name__}.{ReferenceCnn.__name__}",
     "policy_kwargs.optimizer_kwargs.fused:false",
