@@ -12,12 +12,15 @@ ARGS ?=
 
 NEWEST := .venv-newest
 
-.PHONY: help venv train test test-slow test-zoo test-newest audit lint docs benchmark clean
+.PHONY: help venv enjoy train test test-slow test-zoo test-newest audit lint docs benchmark clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
 
 venv: $(STAMP) ## create .venv and install everything
+
+enjoy: $(STAMP) ## film the agent that ships with the package (ARGS="--env WamStereoReach-v0")
+	$(PYTHON) enjoy.py --pretrained --video film.mp4 --n-episodes 3 $(ARGS)
 
 train: $(STAMP) ## train our DDPG agent and evaluate it (ARGS="--algo dqn --seed 1")
 	$(PYTHON) train.py $(ARGS)

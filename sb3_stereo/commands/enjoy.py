@@ -42,6 +42,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--n-episodes", type=at_least(1), help=f"episodes (default: {DEFAULT_FILM_EPISODES} with --video)"
     )
+    parser.add_argument(
+        "--pretrained", action="store_true", help="the agent that ships with the package (default: if there is no run)"
+    )
     parser.add_argument("--exp-id", type=at_least(0), default=0, help="number of the run (default: 0, the latest)")
     window = parser.add_mutually_exclusive_group()
     window.add_argument("--no-render", action="store_true", help="do not open a window")
@@ -139,13 +142,32 @@ def watched(env: Any, window: bool, video: Path | None, zoom: float) -> Iterator
     print(f"Filmed into {video}")
 
 
+def chosen_run(args: argparse.Namespace) -> Path:
+    """Return the run that the flags choose; where there is none yet, the agent that ships with the package.
+
+    Raises:
+        ConfigError: If there is no such run, and none ships that could stand in.
+    """
+    from sb3_stereo.runs.directory import find_run, run_ids
+    from sb3_stereo.runs.pretrained import pretrained_names, pretrained_run
+
+    if args.pretrained:
+        return pretrained_run(args.algo, args.env)
+    names_a_model = args.exp_id or args.load_best or args.load_checkpoint is not None
+    is_there = bool(run_ids(Path(args.log_folder), args.algo, args.env))
+    if is_there or names_a_model or (args.algo, args.env) not in pretrained_names():
+        return find_run(args.log_folder, args.algo, args.env, args.exp_id)
+    print(f"No run of {args.env} in '{Path(args.log_folder, args.algo)}': this is the agent that ships with the package")
+    return pretrained_run(args.algo, args.env)
+
+
 def enjoy_command(args: argparse.Namespace) -> int:
     """Load a run, play it and print its success."""
     runtime.tune_allocator()
     from sb3_stereo.building.factory import make_env
     from sb3_stereo.config.schema import check_env_id, check_env_kwargs
     from sb3_stereo.config.values import parse_assignments
-    from sb3_stereo.runs.directory import find_run, import_packages, load_record, model_path
+    from sb3_stereo.runs.directory import import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
 
     window = args.gui or not (args.no_render or args.video)
@@ -155,7 +177,7 @@ def enjoy_command(args: argparse.Namespace) -> int:
     import_packages(args.gym_packages)
     check_env_id(args.env)
     check_device(args.device)
-    run = find_run(args.log_folder, args.algo, args.env, args.exp_id)
+    run = chosen_run(args)
     config, _ = load_record(run)
     path = model_path(run, args.env, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)

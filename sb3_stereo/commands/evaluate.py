@@ -1,4 +1,4 @@
-"""Evaluate a run on the test poses: `python -m sb3_stereo evaluate logs/ddpg/WamStereoReach-v0_1`."""
+"""Evaluate a run on the test poses: `python -m sb3_stereo evaluate logs/ddpg/WamStereoReach-v1_1`."""
 
 import argparse
 import json
@@ -16,6 +16,7 @@ from sb3_stereo.commands.flags import (
     path,
     run_command,
 )
+from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
 
 
@@ -24,7 +25,17 @@ def make_parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog=command_line("evaluate"), description="Evaluate a trained agent, by default on the 100 fixed test poses."
     )
-    parser.add_argument("run", type=path, metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v0_1")
+    agent = parser.add_mutually_exclusive_group(required=True)
+    agent.add_argument(
+        "run", nargs="?", type=path, metavar="RUN", help="run directory, e.g. logs/ddpg/WamStereoReach-v1_1"
+    )
+    agent.add_argument(
+        "--pretrained",
+        nargs="?",
+        const=DEFAULT_ENV,
+        metavar="ENV",
+        help=f"the agent that ships with the package for an environment (default: {DEFAULT_ENV})",
+    )
     add_model_flags(parser)
     parser.add_argument("--poses", type=at_least(0), default=0, metavar="N", help="use N random poses instead")
     parser.add_argument(
@@ -50,11 +61,13 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.evaluation.protocol import eval_initial_states, evaluate, random_initial_states
     from sb3_stereo.runs.directory import import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
+    from sb3_stereo.runs.pretrained import pretrained_run
 
     import_packages(args.gym_packages)
     check_device(args.device)
-    config, _ = load_record(args.run)
-    path = model_path(args.run, config.env_id, args.load_best, args.load_checkpoint)
+    run = args.run or pretrained_run("ddpg", args.pretrained)
+    config, _ = load_record(run)
+    path = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
     initial_states = (
         random_initial_states(args.poses, args.seed)

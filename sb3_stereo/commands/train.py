@@ -35,7 +35,7 @@ def make_parser() -> argparse.ArgumentParser:
         "-n", "--n-timesteps", type=at_least(1, -1), default=-1, help="environment steps (default: the YAML's)"
     )
     parser.add_argument(
-        "-i", "--trained-agent", type=path, metavar="ZIP", help="warm start from the networks of this model"
+        "-i", "--trained-agent", type=path, metavar="ZIP", help="warm start from this model; pretrained: the one that ships"
     )
     parser.add_argument("--trust", action="store_true", help="accept a model that none of our runs has saved")
     parser.add_argument("--seed", type=at_least(0, -1), default=-1, help="random seed (default: a new one, printed)")
@@ -110,11 +110,14 @@ def train_command(args: argparse.Namespace) -> int:
     runtime.tune_allocator()
     if args.resume:
         return resume_command(args)
-    from sb3_stereo.runs.directory import import_packages
+    from sb3_stereo.runs.directory import import_packages, model_path
+    from sb3_stereo.runs.pretrained import PRETRAINED, pretrained_run
     from sb3_stereo.training.trainer import train
 
     import_packages(args.gym_packages)
     config = make_config(args)
+    if args.trained_agent == PRETRAINED:
+        args.trained_agent = str(model_path(pretrained_run(config.algo, config.env_id), config.env_id))
     check_flags(args)
     options = make_options(args)
     with runtime.threads_for(args.num_threads) as n_threads:

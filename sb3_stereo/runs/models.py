@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
 CHECKSUMS = "SHA256SUMS"  # for `sha256sum -c`
+NETWORKS = "policy.pth"  # SB3's name for them in a model's zip file
 
 
 def save_model(model: "BaseAlgorithm", path: Path) -> None:
@@ -103,6 +104,8 @@ def untrained_model(config: Config, device: str = "auto", seed: int | None = Non
 def load_weights(model: "BaseAlgorithm", path: Path, trust: bool = False, optimizers: bool = True) -> None:
     """Give a model the networks, optimizers and entropy coefficient of a saved one.
 
+    A file of networks alone, as those of the agents that ship, leaves the rest as it is.
+
     Args:
         model: Of the same settings.
         path: The zip file.
@@ -126,9 +129,11 @@ def _load_parts(model: "BaseAlgorithm", archive: zipfile.ZipFile, optimizers: bo
     """Read all parts, and change the model only if all are good."""
     from torch.optim import Optimizer
 
+    networks_alone = archive.namelist() == [NETWORKS]
+    optimizers = optimizers and not networks_alone
     limit = 2 * _n_bytes(model.policy.state_dict()) + MIB  # what a tensor needs besides its numbers is in the MiB
     owners = {name: attrgetter(name)(model) for name in model._get_torch_save_params()[0]}
-    states, learnt = {}, variables(model)
+    states, learnt = {}, {} if networks_alone else variables(model)
     for name, owner in owners.items():
         if isinstance(owner, Optimizer) and not optimizers:
             continue

@@ -27,10 +27,13 @@ def checked_state(found: Any, owner: nn.Module | Optimizer) -> State:
 def checked_tensors(found: Any, expected: dict[str, Any]) -> State:
     """Return tensors by name, if they are those that are expected: of the same names, shapes and types.
 
+    Half precision, in which the agents that ship are stored, becomes single precision again.
+
     Raises:
         ValueError: If they are others.
     """
     _check_keys(found, expected, "the networks")
+    found = {name: _widened(value, expected[name]) for name, value in found.items()}
     for name, tensor in expected.items():
         if not isinstance(tensor, th.Tensor):  # a module's own extra state
             _check_like(found[name], tensor, f"'{name}'")
@@ -39,6 +42,13 @@ def checked_tensors(found: Any, expected: dict[str, Any]) -> State:
         else:
             check_dense(found[name])
     return {name: found[name] for name in expected}
+
+
+def _widened(value: Any, expected: Any) -> Any:
+    if not isinstance(value, th.Tensor) or value.dtype != th.float16 or getattr(expected, "dtype", None) != th.float32:
+        return value
+    check_dense(value)  # before it takes twice the memory
+    return value.float()
 
 
 def _describe(value: Any) -> str:

@@ -119,6 +119,7 @@ observation, _ = env.reset(seed=1)
 env.step(env.action_space.sample())
 env.close()
 load_config("ddpg", "WamStereoReach-v0")
+assert sb3_stereo.load_pretrained("WamStereoReach-v1").predict(observation)[0].shape == (4,)
 print(sb3_stereo.__file__, observation.shape, eval_poses("WamStereoReach-v0").shape)
 """
     run = subprocess.run([python, "-I", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
