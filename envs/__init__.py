@@ -16,16 +16,23 @@ _KWARGS_OF: dict[str, dict[str, object]] = {
     "WamStereoReachRandom-v1": {"arm": "wam", "random_target": True, **_V1},
 }
 ENV_IDS = tuple(_KWARGS_OF)
+# Goal-conditioned, for HER: the targets are drawn, as in Gymnasium-Robotics' FetchReach.
+_GOAL_KWARGS_OF: dict[str, dict[str, object]] = {
+    f"{name}StereoReachGoal-v0": {"arm": name.lower(), "random_target": True, **_V1}
+    for name in ("Wam", "Kuka", "Panda")
+}
+GOAL_ENV_IDS = tuple(_GOAL_KWARGS_OF)
 MAX_EPISODE_STEPS = 30  # the paper's DQN rows fit failures counted as 25 to 30 steps; a guess of ours
 
 
 def register_envs() -> None:
-    """Register every id of `ENV_IDS` with Gymnasium, once."""
-    for env_id, kwargs in _KWARGS_OF.items():
+    """Register every id of `ENV_IDS` and `GOAL_ENV_IDS` with Gymnasium, once."""
+    for env_id, kwargs in {**_KWARGS_OF, **_GOAL_KWARGS_OF}.items():
         if env_id not in registry:
+            goals = env_id in GOAL_ENV_IDS
             register(
                 env_id,
-                entry_point="sb3_stereo.envs.reach:StereoReachEnv",
+                entry_point=f"sb3_stereo.envs.{'goal:StereoReachGoalEnv' if goals else 'reach:StereoReachEnv'}",
                 max_episode_steps=MAX_EPISODE_STEPS,
                 kwargs=kwargs,
             )

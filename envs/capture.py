@@ -24,12 +24,15 @@ class Capture:
 
     Attributes:
         frames: RGBA of each view, (height, width, 4), uint8.
+        centres: Of the end effector's marker, then of the target's, in each view, (n_views, 2, 2) in [px]; nan where
+            it is hidden.
         offsets: Where the end effector is from the target in each view, (n_views, 2) in [px]; nan where a marker is
             hidden.
         end_effector_position: Shape (3,), in [m], world.
     """
 
     frames: tuple[Image, ...]
+    centres: Floats
     offsets: Floats
     end_effector_position: Floats
 
@@ -73,8 +76,9 @@ class CameraRig:
         """
         position = self._place_markers(target_position)
         # Each frame is measured while the processor's cache still holds it.
-        views = [(frame, self.find(n, frame).offset) for n, frame in enumerate(map(Camera.frame, self._cameras))]
-        return Capture(tuple(frame for frame, _ in views), np.array([offset for _, offset in views]), position)
+        views = [(frame, self.find(n, frame)) for n, frame in enumerate(map(Camera.frame, self._cameras))]
+        centres = np.array([blobs for _, blobs in views])
+        return Capture(tuple(frame for frame, _ in views), centres, centres[:, 0] - centres[:, 1], position)
 
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
         """Take the frames only."""

@@ -18,6 +18,8 @@ Observation = Any  # an image (channels, height, width), uint8, or a map of came
 
 COMPOSITES = ("stack", "channels", "dict", "markers")
 
+IMAGE = "observation"  # the key of a goal environment's image, Gymnasium-Robotics' name
+
 WIDTH, HEIGHT = 84, 42  # of each view in the composite (section 3.2)
 
 
@@ -113,6 +115,8 @@ class Composite:
 
 def as_stack(observation: Observation) -> Frame:
     """One image (1, rows, columns) of an observation in any arrangement: the paper's, left of the markers if any."""
+    if isinstance(observation, dict):  # of views, or a goal environment's
+        observation = observation.get(IMAGE, observation)
     images = list(observation.values()) if isinstance(observation, dict) else [observation]
     # A channel with more rows than a view is a stack already.
     return np.concatenate([np.concatenate(list(i), axis=int(i.shape[1] > HEIGHT)) for i in images])[None]

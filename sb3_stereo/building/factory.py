@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
+from stable_baselines3 import HerReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.noise import ActionNoise, NormalActionNoise, OrnsteinUhlenbeckActionNoise
@@ -112,7 +113,21 @@ def make_model(
         verbose=verbose,
         **kwargs,
     )
+    check_hindsight(model, env)
     return model
+
+
+def check_hindsight(model: "BaseAlgorithm", env: VecEnv) -> None:
+    """Raise a ConfigError if SB3's HerReplayBuffer would be sampled before an episode has ended."""
+    spec = env.get_attr("spec")[0]
+    if not isinstance(getattr(model, "replay_buffer", None), HerReplayBuffer) or not spec or not spec.max_episode_steps:
+        return
+    needed, given = spec.max_episode_steps * env.num_envs, model.learning_starts  # type: ignore[attr-defined]
+    if given < needed:
+        raise ConfigError(
+            f"learning_starts is {given}, and HerReplayBuffer needs a whole episode, of up to {spec.max_episode_steps} "
+            f"steps in each environment; set learning_starts to at least {needed}"
+        )
 
 
 def check_action_space(config: Config, space: gym.Space[Any]) -> None:

@@ -157,7 +157,8 @@ def chosen_run(args: argparse.Namespace) -> Path:
     is_there = bool(run_ids(Path(args.log_folder), args.algo, args.env))
     if is_there or names_a_model or (args.algo, args.env) not in pretrained_names():
         return find_run(args.log_folder, args.algo, args.env, args.exp_id)
-    print(f"No run of {args.env} in '{Path(args.log_folder, args.algo)}': this is the agent that ships with the package")
+    runs = Path(args.log_folder, args.algo)
+    print(f"No run of {args.env} in '{runs}': this is the agent that ships with the package")
     return pretrained_run(args.algo, args.env)
 
 

@@ -35,7 +35,11 @@ def make_parser() -> argparse.ArgumentParser:
         "-n", "--n-timesteps", type=at_least(1, -1), default=-1, help="environment steps (default: the YAML's)"
     )
     parser.add_argument(
-        "-i", "--trained-agent", type=path, metavar="ZIP", help="warm start from this model; pretrained: the one that ships"
+        "-i",
+        "--trained-agent",
+        type=path,
+        metavar="ZIP",
+        help="warm start from this model; pretrained: the one that ships",
     )
     parser.add_argument("--trust", action="store_true", help="accept a model that none of our runs has saved")
     parser.add_argument("--seed", type=at_least(0, -1), default=-1, help="random seed (default: a new one, printed)")

@@ -172,10 +172,10 @@ def overridden(config: Config, params: Mapping[str, Any]) -> Config:
 def check_env_id(env_id: str) -> None:
     """Raise a ConfigError unless the environment is registered."""
     if env_id not in gym.registry:
-        import sb3_stereo
+        from sb3_stereo.envs import ENV_IDS, GOAL_ENV_IDS
 
         close = [name for name in gym.registry if name.lower().startswith(env_id.lower()[:4])]
-        raise unknown("environment", env_id, {*sb3_stereo.ENV_IDS, *close})
+        raise unknown("environment", env_id, {*ENV_IDS, *GOAL_ENV_IDS, *close})
 
 
 def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:

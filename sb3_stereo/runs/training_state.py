@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch as th
+from numpy.typing import NDArray
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.noise import ActionNoise, VectorizedActionNoise
@@ -33,6 +34,7 @@ COUNTERS = (
     "exploration_rate",  # DQN's
     "_current_progress_remaining",
 )
+EPISODE_STARTS = "_current_ep_start"  # HerReplayBuffer's, a row per environment
 SDE = ("exploration_mat", "exploration_matrices")  # of state-dependent exploration
 
 
@@ -139,11 +141,25 @@ def _explorations(model: "BaseAlgorithm") -> list[Any]:
     return [getattr(model, "actor", model.policy).action_dist] if model.use_sde else []
 
 
-def _buffer_arrays(buffer: ReplayBuffer) -> dict[str, Any]:
+def check_can_be_captured(model: "BaseAlgorithm") -> None:
+    """Raise a ConfigError if a training remembers what a snapshot cannot hold."""
+    if getattr(getattr(model, "replay_buffer", None), "copy_info_dict", False):
+        raise ConfigError(
+            "replay_buffer_kwargs: copy_info_dict is true, and a snapshot cannot hold what every step's info is; "
+            "train without snapshots (--save-freq -1), or take a reward that needs no info and leave it out"
+        )
+
+
+def _buffer_arrays(buffer: ReplayBuffer) -> dict[str, NDArray[Any]]:
+    """What it holds row by row; observations may be several arrays, by name."""
+    found: dict[str, Any] = {}
+    for name, value in vars(buffer).items():
+        found |= {f"{name}.{key}": part for key, part in value.items()} if isinstance(value, dict) else {name: value}
     return {
         name: value
-        for name, value in vars(buffer).items()
-        if isinstance(value, np.ndarray) and value.shape[:1] == (buffer.buffer_size,)
+        for name, value in found.items()
+        # HerReplayBuffer's infos are objects, empty unless `check_can_be_captured` refuses them.
+        if isinstance(value, np.ndarray) and value.shape[:1] == (buffer.buffer_size,) and value.dtype != object
     }
 
 
@@ -152,7 +168,9 @@ def _buffer_state(buffer: ReplayBuffer | None) -> State | None:
         return None
     n_rows = buffer.size() + 1  # SB3's memory saver keeps the newest next observation one row further
     arrays = {name: array[:n_rows] for name, array in _buffer_arrays(buffer).items()}
-    return {"arrays": arrays, "pos": buffer.pos, "full": buffer.full}
+    state = {"arrays": arrays, "pos": buffer.pos, "full": buffer.full}
+    starts = getattr(buffer, EPISODE_STARTS, None)
+    return state if starts is None else state | {"episode_starts": starts}
 
 
 def _restore_buffer(buffer: ReplayBuffer | None, state: State | None) -> None:
@@ -167,6 +185,9 @@ def _restore_buffer(buffer: ReplayBuffer | None, state: State | None) -> None:
         if saved.dtype != array.dtype or saved.shape[1:] != array.shape[1:] or not len(saved) >= buffer.size():
             raise ValueError(f"the replay buffer's '{name}' is {saved.dtype} {saved.shape}")
         array[: len(saved)] = saved
+    starts = getattr(buffer, EPISODE_STARTS, None)
+    if starts is not None:
+        setattr(buffer, EPISODE_STARTS, _array(state["episode_starts"], starts, EPISODE_STARTS))
 
 
 def _array(saved: Any, own: Any, name: str) -> Any:

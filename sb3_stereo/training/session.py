@@ -19,7 +19,7 @@ from sb3_stereo.runs import snapshots, status
 from sb3_stereo.runs.directory import env_name
 from sb3_stereo.runs.models import load_weights, save_model
 from sb3_stereo.runs.tensorboard import event_sizes
-from sb3_stereo.runs.training_state import State
+from sb3_stereo.runs.training_state import State, check_can_be_captured
 from sb3_stereo.training.errors import Refused
 from sb3_stereo.training.options import Options, Result
 from sb3_stereo.training.progress import Progress
@@ -86,6 +86,8 @@ class Session:
                 )
                 if options.trained_agent and state is None:
                     load_weights(self._model, Path(options.trained_agent), options.trust)
+            if options.save_freq > 0:
+                check_can_be_captured(self._model)
             self._model.set_logger(_logger(self.run, self.tensorboard, options.verbose))
             with setting_up("the callbacks", Refused):
                 callbacks = self._callbacks()

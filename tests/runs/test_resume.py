@@ -135,6 +135,42 @@ def test_other_learners_are_resumed_with_their_state_dependent_exploration_too(a
     assert_nothing_happened(logs, config(algo, 2, use_sde=True), [21, 45])
 
 
+GOALS = {"policy_kwargs": {"net_arch": [8]}, "policy": "MultiInputPolicy"}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        GOALS | {"env_id": "WamStereoReachGoal-v0", "env_kwargs": {"max_episode_steps": 7}},
+        GOALS
+        | {"env_id": DEFAULT_ENV, "env_kwargs": {"composite": "dict", "max_episode_steps": 7}}
+        | {"replay_buffer_kwargs": None, "pretraining": None},
+    ],
+    ids=["hindsight", "several images"],
+)
+def test_replay_buffers_of_maps_are_resumed(changes: dict[str, Any], logs: Path) -> None:
+    env_id = changes["env_id"]
+    params = {key: value for key, value in changes.items() if key != "env_id"}
+    tiny = {"learning_starts": 10, "buffer_size": 40, "batch_size": 4, "callback": [f"{__name__}.Kill"]}
+    tried = load_config("sac", env_id, params=tiny | params, n_timesteps=N_TIMESTEPS)
+    assert_nothing_happened(logs, tried, [30, 50])
+
+
+def test_a_snapshot_that_would_lack_the_infos_is_refused_at_the_start(logs: Path) -> None:
+    hindsight = {"copy_info_dict": True, "n_sampled_goal": 4}
+    params = {"learning_starts": 10, "replay_buffer_kwargs": hindsight, "env_kwargs": {"max_episode_steps": 5}}
+    tried = load_config("sac", "WamStereoReachGoal-v0", params=params, n_timesteps=20)
+    with pytest.raises(ConfigError, match=r"copy_info_dict is true.*--save-freq -1"):
+        train(tried, options(logs))
+    assert train(tried, options(logs, save_freq=-1, eval_freq=-1)).run.is_dir()
+
+
+def test_hindsight_before_the_first_episode_ends_is_refused_at_the_start(logs: Path) -> None:
+    tried = load_config("sac", "WamStereoReachGoal-v0", params={"learning_starts": 29}, n_timesteps=40)
+    with pytest.raises(ConfigError, match=r"learning_starts is 29.*set learning_starts to at least 30"):
+        train(tried, options(logs))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("algo", ["crossq", "ppo", "sac", "td3", "tqc"])
 def test_every_learner_is_resumed_on_the_real_environment(algo: str, logs: Path) -> None:
