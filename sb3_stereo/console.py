@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -23,20 +23,41 @@ class Bar:
         done: Where the count starts.
     """
 
+    latest: ClassVar["Bar | None"] = None  # that is not closed: of what `phase` shows a part
+
     def __init__(self, total: int, unit: str, bar: bool | None = None, interval: float = 30.0, done: int = 0) -> None:
-        self.total, self.unit, self.interval, self.first = total, unit, interval, done
+        progress = _make_bar() if (sys.stderr.isatty() if bar is None else bar) else None
+        self._begin("", total, unit, interval, done, progress)
+        Bar.latest = self
+
+    def _begin(self, name: str, total: int, unit: str, interval: float, done: int, progress: "Progress | None") -> None:
+        self.name, self.total, self.unit, self.interval, self.first = name, total, unit, interval, done
         self.start = self.last_line = time.monotonic()
-        self.progress = _make_bar(total, unit, done) if (sys.stderr.isatty() if bar is None else bar) else None
+        self.progress = progress
+        if progress is not None:
+            self.task = progress.add_task(name, total=total, completed=done, note=name, unit=f"{unit}s")
+
+    @contextmanager
+    def part(self, name: str, total: int, unit: str) -> Iterator["Bar"]:
+        """Count something else for a while, below this bar or in lines that begin with its name."""
+        part = Bar.__new__(Bar)
+        part._begin(name, total, unit, self.interval, 0, self.progress)
+        try:
+            yield part
+        finally:
+            if self.progress is not None:
+                self.progress.remove_task(part.task)
 
     def update(self, done: int, note: str = "") -> None:
         """Show that `done` of the total are done, with a note on how it goes."""
         if self.progress is not None:
-            self.progress.update(self.progress.task_ids[0], completed=done, note=note)
+            self.progress.update(self.task, completed=done, note=note or self.name)
         elif time.monotonic() - self.last_line > self.interval:
             self.last_line = time.monotonic()
             speed = f"{(done - self.first) / (self.last_line - self.start):.1f} {self.unit}s/s"
             line = [f"{done}/{self.total} {self.unit}s", *filter(None, [note]), speed, self.left(done)]
-            print(", ".join(line), file=sys.stderr, flush=True)
+            start = f"{self.name}: " if self.name else ""
+            print(start + ", ".join(line), file=sys.stderr, flush=True)
 
     def left(self, done: int) -> str:
         """Say how long the rest takes at the speed so far."""
@@ -46,9 +67,24 @@ class Bar:
 
     def close(self) -> None:
         """Leave the bar as it stands; may be called twice."""
+        Bar.latest = None if Bar.latest is self else Bar.latest
         if self.progress is not None:
             self.progress.stop()
             self.progress = None
+
+
+@contextmanager
+def phase(name: str, total: int, unit: str) -> Iterator[Callable[[int], object]]:
+    """Show how far something is that interrupts what a bar counts; without a bar nobody wants to know.
+
+    Yields:
+        What to call with the number that is done.
+    """
+    if Bar.latest is None:
+        yield lambda done: None
+        return
+    with Bar.latest.part(name, total, unit) as part:
+        yield part.update
 
 
 def print_line(line: str) -> None:
@@ -63,7 +99,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def _make_bar(total: int, unit: str, done: int) -> "Progress | None":
+def _make_bar() -> "Progress | None":
     try:
         from rich.console import Console
         from rich.progress import (
@@ -79,14 +115,13 @@ def _make_bar(total: int, unit: str, done: int) -> "Progress | None":
     progress = Progress(
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn(f"{unit}s"),
+        TextColumn("{task.fields[unit]}"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
         console=Console(stderr=True, force_terminal=True),  # -P draws it in a log, too
         redirect_stdout=sys.stdout.isatty(),  # what is piped must not be drawn on stderr
     )
-    progress.add_task("", total=total, completed=done, note="")
     progress.start()
     return progress
 

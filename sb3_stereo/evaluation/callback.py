@@ -11,7 +11,7 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_stereo.building.factory import VEC_ENVS
-from sb3_stereo.console import print_line
+from sb3_stereo.console import phase, print_line
 from sb3_stereo.evaluation.protocol import Evaluation, InitialState, evaluate
 from sb3_stereo.runs.directory import BEST_MODEL, EVALUATIONS
 from sb3_stereo.runs.files import write
@@ -94,7 +94,8 @@ class PoseEvalCallback(BaseCallback):
 
     def score(self) -> Evaluation:
         """Score the agent now."""
-        result = evaluate(self.model, self.env_fn, self.initial_states, self.n_envs, VEC_ENVS[self.vec_env])
+        with phase("evaluation", len(self.initial_states), "pose") as update:
+            result = evaluate(self.model, self.env_fn, self.initial_states, self.n_envs, VEC_ENVS[self.vec_env], update)
         self.last = result
         scores = result.scores()
         append_row(self.run_dir / EVALUATIONS, {"timesteps": self.num_timesteps} | scores | self._elapsed())

@@ -97,7 +97,7 @@ class DynamicsMixin(OffPolicyMixin):
 
     def _pretrain(self) -> None:
         if self.heads is not None and self.heads.n_updates == 0:
-            self._train_dynamics(self._n_pretraining("dynamics"), self.batch_size)
+            self._in_parts("pre-training of the encoder", self._n_pretraining("dynamics"), self._train_dynamics)
         super()._pretrain()
 
     def _train_dynamics(self, n_updates: int, batch_size: int) -> None:

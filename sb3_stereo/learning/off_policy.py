@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from sb3_stereo.console import phase
 from sb3_stereo.learning.exploration import Annealing, anneal
 from sb3_stereo.learning.replay import OWN_SETTINGS, StereoReplayBuffer
 from sb3_stereo.task_interface import agreed_n_views, task_of
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm as Base
 else:
     Base = object
+
+
+UPDATES_A_PART = 100  # a multiple of how many batches are drawn at once, so that the draws are those of one call
 
 
 class OffPolicyMixin(Base):
@@ -97,7 +101,15 @@ class OffPolicyMixin(Base):
 
     def _pretrain(self) -> None:
         if n_updates := self._n_pretraining("agent"):
-            self._train_agent(n_updates, self.batch_size)
+            self._in_parts("pre-training of the agent", n_updates, self._train_agent)
+
+    def _in_parts(self, name: str, n_updates: int, train: Callable[[int, int], None]) -> None:
+        """Make many updates, and show how far they are."""
+        with phase(name, n_updates, "update") as update:
+            for start in range(0, n_updates, UPDATES_A_PART):
+                n = min(UPDATES_A_PART, n_updates - start)
+                train(n, self.batch_size)
+                update(start + n)
 
     def _n_pretraining(self, what: str) -> int:
         return round(self.pretraining[what] * self.learning_starts)

@@ -102,7 +102,8 @@ class Session:
         evaluation = self._evaluation = make_evaluation(self.config, self.options, self.run, self._on_evaluation)
         progress = [Progress(self.options.progress)] if self.options.verbose else []
         pictures = [TensorboardPictures(evaluation, self.options.seed)] if self.tensorboard else []
-        return [*make_callbacks(self.config), *progress, evaluation, *pictures]
+        # The progress last: in the end it is closed after the last evaluation, which it shows.
+        return [*make_callbacks(self.config), evaluation, *pictures, *progress]
 
     def _save(self, ended: bool) -> Path | None:
         """Save the model; what says that the run has ended comes last."""

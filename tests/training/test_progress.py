@@ -7,7 +7,7 @@ import pytest
 
 from sb3_stereo.commands.train import settings_table
 from sb3_stereo.config.schema import load_config, settings
-from sb3_stereo.console import Bar, duration, print_line
+from sb3_stereo.console import Bar, duration, phase, print_line
 from sb3_stereo.evaluation import scores
 
 
@@ -37,6 +37,37 @@ def test_a_log_gets_a_line_now_and_then_with_the_time_left(clock: Clock, capsys:
         "20/100 steps, success 5 %, 0.5 steps/s, 3 min left",
         "40/100 steps, success 5 %, 0.5 steps/s, 2 min left",
     ]
+
+
+def test_a_phase_has_lines_of_its_own_with_its_name(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    bar = Bar(100, "step", bar=False, interval=30.0)
+    with phase("evaluation", 50, "pose") as update:
+        for seconds, done in ((20, 10), (40, 20)):
+            clock.now = 100.0 + seconds
+            update(done)
+    bar.close()
+    assert capsys.readouterr().err == "evaluation: 20/50 poses, 0.5 poses/s, 60 s left\n"
+
+
+def test_a_phase_without_a_bar_is_silent(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    Bar(100, "step", bar=False).close()
+    with phase("evaluation", 50, "pose") as update:
+        clock.now += 100
+        update(20)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_phase_is_a_second_bar_while_it_lasts(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rich")
+    bar = Bar(4, "step", bar=True)
+    bar.update(1)
+    with phase("evaluation", 7, "pose") as update:
+        update(5)
+        assert bar.progress is not None
+        assert [task.total for task in bar.progress.tasks] == [4, 7]
+    assert [task.total for task in bar.progress.tasks] == [4]
+    bar.close()
+    assert "evaluation" in capsys.readouterr().err
 
 
 def test_what_was_done_before_does_not_count_for_the_speed(clock: Clock) -> None:
