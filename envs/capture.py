@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_stereo.envs import rewards
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera
 from sb3_stereo.envs.marker_specs import MEASURES, MarkerSpec
@@ -39,7 +40,7 @@ class Capture:
     @cached_property
     def distances(self) -> Floats:
         """d(t) of Eq. 2, shape (n_views,), in [px]."""
-        return np.hypot(self.offsets[:, 0], self.offsets[:, 1])
+        return rewards.lengths(self.offsets)
 
 
 class CameraRig:

@@ -91,7 +91,7 @@ class StereoReachGoalEnv(StereoReachEnv):
         if self.reward_type == "sparse":
             return reached - 1.0
         previous = np.reshape(_previous(info), achieved.shape)
-        before, after = (_distances(_offsets(goal, desired)) for goal in (previous, achieved))
+        before, after = (rewards.lengths(_offsets(goal, desired)) for goal in (previous, achieved))
         changes = rewards.distance_change(before, after, self.distance_scale)
         each = [rewards.reward(*case) for case in zip(np.atleast_2d(changes), np.atleast_1d(reached), strict=True)]
         return np.array(each) if achieved.ndim > 1 else each[0]
@@ -126,10 +126,6 @@ def _offsets(achieved: Floats, desired: Floats) -> Floats:
     one, other = (goal.reshape(*goal.shape[:-1], -1, 2) for goal in (achieved, desired))
     unseen = (one == UNSEEN).all(axis=-1, keepdims=True) | (other == UNSEEN).all(axis=-1, keepdims=True)
     return np.where(unseen, np.nan, one - other)
-
-
-def _distances(offsets: Floats) -> Floats:
-    return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
 
 
 def _previous(info: Mapping[str, Any] | Sequence[Mapping[str, Any]]) -> Floats:

@@ -265,8 +265,7 @@ class StereoReachEnv(SimulatedEnv):
         Returns:
             Their lengths in the success frame, shape (...), in [px].
         """
-        scaled = offsets * self._success_scale
-        return np.asarray(np.hypot(scaled[..., 0], scaled[..., 1]))
+        return rewards.lengths(offsets * self._success_scale)
 
     def locate_markers(self, view: int, red: Image, blue: Image) -> Blobs:
         """Measure the markers in an ordinary image as in a rendered frame.

@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
+def lengths(offsets: Floats) -> Floats:
+    """Lengths of offsets (..., 2), shape (...), nan where undefined; of those from target to end effector, d(t)."""
+    return np.asarray(np.hypot(offsets[..., 0], offsets[..., 1]))
+
+
 def distance_change(previous: Floats, current: Floats, scale: float) -> Floats:
     """Eq. 2: how far the end effector came nearer in each view, normalised to [-1, 1].
 

@@ -192,7 +192,7 @@ def fit(
 
 
 def fit_listed(
-    trainings: Sequence[Training],
+    runs: Sequence[Training],
     folder: Path,
     workers: int,
     retries: int,
@@ -204,7 +204,7 @@ def fit_listed(
     """Run training runs that are known beforehand, in their order, and return what failed.
 
     Args:
-        trainings: The training runs.
+        runs: What to train.
         folder: As in `fit`.
         workers: Training runs at a time; 0 leaves it to the resources.
         retries: As in `fit`.
@@ -213,12 +213,12 @@ def fit_listed(
         tune_config: Further arguments of Tune's `TuneConfig`.
         verbose: As in `Watch`.
     """
-    watch = Watch(partial(_listed, trainings), on_end, verbose)
-    param_space = {INDEX: tune.grid_search(list(range(len(trainings))))}
+    watch = Watch(partial(_listed, runs), on_end, verbose)
+    param_space = {INDEX: tune.grid_search(list(range(len(runs))))}
     chosen = {"search_alg": BasicVariantGenerator(max_concurrent=workers), **(tune_config or {})}
     return fit(watch, param_space, chosen, folder, resources or Resources(), retries)
 
 
-def _listed(trainings: Sequence[Training], suggestion: Mapping[str, Any]) -> Training:
+def _listed(runs: Sequence[Training], suggestion: Mapping[str, Any]) -> Training:
     index: int = suggestion[INDEX]
-    return trainings[index]
+    return runs[index]
