@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,21 @@ class Arm:
             client.setCollisionFilterPair(self.body, self.body, *(links[link] for link in pair), 0)
         for link, color in spec.link_colors:
             client.changeVisualShape(self.body, links[link], rgbaColor=(*color, 1.0))
+        dynamics = [client.getDynamicsInfo(self.body, link) for link in self._links.values()]
+        self._masses = [(info[0], info[2]) for info in dynamics]
+
+    @cached_property
+    def _colours(self) -> dict[int, list[tuple[Any, int]]]:
+        """The colours of every link's shapes, and the numbers of these, as they are at first."""
+        colours: dict[int, list[tuple[Any, int]]] = {}
+        for shape in self._client.getVisualShapeData(self.body):
+            colours.setdefault(shape[1], []).append((shape[7], len(colours.get(shape[1], ()))))
+        return colours
+
+    @property
+    def n_links(self) -> int:
+        """Links besides the base."""
+        return len(self._links)
 
     def _check_names(self, joints: Iterable[str]) -> None:
         spec = self.spec
@@ -131,6 +147,25 @@ class Arm:
         self._damping = None if explicit else implicit
         for joint, value in zip(self.actuated, values, strict=True):
             self._client.changeDynamics(self.body, joint, jointDamping=value if explicit else 0.0)
+
+    def set_friction(self, friction: Iterable[float]) -> None:
+        """Set the dry friction of the actuated joints, in [N m]: a motor that can hold them with so much."""
+        self._client.setJointMotorControlArray(
+            self.body, self.actuated, pybullet.VELOCITY_CONTROL, forces=list(friction)
+        )
+
+    def scale_masses(self, factors: Iterable[float]) -> None:
+        """Scale masses and inertias of the links, (n_links,), from what they are at first. Set the damping after it."""
+        for link, (mass, inertia), factor in zip(self._links.values(), self._masses, factors, strict=True):
+            diagonal = [factor * moment for moment in inertia]
+            self._client.changeDynamics(self.body, link, mass=factor * mass, localInertiaDiagonal=diagonal)
+
+    def paint(self, colours: Floats, shares: Floats) -> None:
+        """Mix the colours of base and links with others, (n_links + 1, 3) from 0 to 1, in shares (n_links + 1,)."""
+        for link, colour, share in zip(self._names, colours, shares, strict=True):
+            for own, shape in self._colours.get(link, ()):
+                mixed = (1.0 - share) * np.array(own[:3]) + share * colour
+                self._client.changeVisualShape(self.body, link, shape, rgbaColor=(*mixed, own[3]))
 
     def _largest_loss(self, space: JointSpace, damping: Floats, step: float) -> float:
         """Of the speed in one step of Bullet's damping, over random poses."""

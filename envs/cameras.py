@@ -195,8 +195,13 @@ class Camera:
     """
 
     def __init__(self, spec: CameraSpec, client: Any) -> None:
-        self.spec = spec
         self._client = client  # asked for its number at every draw: once closed, Bullet gives that to another
+        self.background: tuple[Frame, NDArray[np.float32]] | None = None  # colour and depth
+        self.aim(spec, {})
+
+    def aim(self, spec: CameraSpec, light: Mapping[str, Any]) -> None:
+        """Look from elsewhere, in another light: options of TinyRenderer that differ from `LIGHT`."""
+        self.spec = spec
         self._options = {
             "width": spec.width,
             "height": spec.height,
@@ -204,8 +209,8 @@ class Camera:
             "projectionMatrix": spec.projection_matrix,
             "renderer": pybullet.ER_TINY_RENDERER,
             **LIGHT,
+            **light,
         }
-        self.background: tuple[Frame, NDArray[np.float32]] | None = None  # colour and depth
 
     def keep_background(self) -> None:
         """Remember what is in the picture now; `frame` lays it behind what is drawn later.

@@ -13,6 +13,7 @@ from sb3_stereo.envs.cameras import Camera
 from sb3_stereo.envs.marker_specs import MEASURES, MarkerSpec
 from sb3_stereo.envs.markers import Blobs
 from sb3_stereo.envs.scene import BLUE, RED, add_ball, add_hollow_ball
+from sb3_stereo.envs.sensor import NOTHING, Sensor
 from sb3_stereo.envs.simulation import Client
 
 Floats = NDArray[np.float64]
@@ -56,18 +57,33 @@ class CameraRig:
     def __init__(self, client: Client, cameras: Sequence[Camera], arm: Arm, markers: MarkerSpec) -> None:
         self._client, self._cameras, self._arm = client, cameras, arm
         add_target = add_hollow_ball if markers.hollow_target else add_ball
-        self.radii = radii = arm.spec.marker_radius, markers.target_radius or arm.spec.marker_radius  # [m]
-        self.markers = add_ball(client, RED, radii[0]), add_target(client, BLUE, radii[1])
+        self.radii = arm.spec.marker_radius, markers.target_radius or arm.spec.marker_radius  # [m]
+        self.markers = add_ball(client, RED, self.radii[0]), add_target(client, BLUE, self.radii[1])
         self._measure = MEASURES[markers.measure]
-        self._radii = [(radii[0] * camera.spec.scale, radii[1] * camera.spec.scale) for camera in cameras]
+        self._sensors: tuple[Sensor, ...] | None = None
+        self._floor = NOTHING
+
+    def use_sensors(self, sensors: tuple[Sensor, ...], floor: int) -> None:
+        """See through these sensors, one per camera; markers are then known by their bodies, whatever their colour.
+
+        Args:
+            sensors: One per camera.
+            floor: The floor's body.
+        """
+        self._sensors, self._floor = sensors, floor
+
+    def _radii_in(self, view: int) -> tuple[float, float]:
+        """How large the red and the blue ball look in a view, in [px]."""
+        scale = self._cameras[view].spec.scale
+        return self.radii[0] * scale, self.radii[1] * scale
 
     def find(self, view: int, frame: Image) -> Blobs:
         """Where the markers are in a frame of a view, RGB or RGBA, shape (height, width, 3 or 4), uint8."""
-        return self._measure.find(frame, self._radii[view])
+        return self._measure.find(frame, self._radii_in(view))
 
     def locate(self, view: int, red: Image, blue: Image) -> Blobs:
         """Where the markers are in an image like a view's, of which red and blue pixels are known: 255, else 0."""
-        return self._measure.locate(red, blue, self._radii[view])
+        return self._measure.locate(red, blue, self._radii_in(view))
 
     def capture(self, target_position: Floats) -> Capture:
         """Take the frames and measure the markers' offset in each.
@@ -77,14 +93,25 @@ class CameraRig:
         """
         position = self._place_markers(target_position)
         # Each frame is measured while the processor's cache still holds it.
-        views = [(frame, self.find(n, frame)) for n, frame in enumerate(map(Camera.frame, self._cameras))]
+        views = list(map(self._see, range(len(self._cameras))))
         centres = np.array([blobs for _, blobs in views])
         return Capture(tuple(frame for frame, _ in views), centres, centres[:, 0] - centres[:, 1], position)
+
+    def _see(self, view: int) -> tuple[Image, Blobs]:
+        """A view's frame, and where the markers are in it."""
+        if self._sensors is None:
+            frame = self._cameras[view].frame()
+            return frame, self.find(view, frame)
+        picture, _, bodies = self._cameras[view].draw()
+        red, blue = (np.where(bodies == ball, np.uint8(255), np.uint8(0)) for ball in self.markers)
+        return self._sensors[view](picture, bodies, self._floor), self.locate(view, red, blue)
 
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
         """Take the frames only."""
         self._place_markers(target_position)
-        return tuple(camera.frame() for camera in self._cameras)
+        if self._sensors is None:
+            return tuple(camera.frame() for camera in self._cameras)
+        return tuple(self._see(view)[0] for view in range(len(self._cameras)))
 
     def _place_markers(self, target_position: Floats) -> Floats:
         """Put the red marker where the end effector is, which is returned, and the blue one at the target."""

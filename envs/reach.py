@@ -29,6 +29,7 @@ from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.lifecycle import SimulatedEnv
 from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.markers import Blobs
+from sb3_stereo.envs.randomization import Randomization, plain_randomization, randomization
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.specs import plain, quoted, require
 from sb3_stereo.envs.validation import fit
@@ -83,6 +84,9 @@ class StereoReachEnv(SimulatedEnv):
             tells the state. Without gravity compensation as well, an effort lasts until the next one replaces it, as
             in Gazebo's effort controllers ("simulated in Gazebo using ROS Indigo", section 5).
         floor: Draw the floor. It is solid in any case.
+        randomize: From which ranges every episode draws its light, sensors, cameras, arm and surroundings: a
+            `Randomization`, a map of its fields, or "default"; None for none. Success and reward stay those of the
+            markers themselves: where they are visible, in the cameras as they then stand.
 
     Raises:
         ValueError: If an argument makes no task.
@@ -113,6 +117,7 @@ class StereoReachEnv(SimulatedEnv):
         gravity_compensation: bool = True,
         brake: bool = True,
         floor: bool = False,
+        randomize: Randomization | Mapping[str, Any] | str | None = None,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
         rho, distance_scale = fit(rho, Positive, "rho"), fit(distance_scale, Positive, "distance_scale")
@@ -124,7 +129,7 @@ class StereoReachEnv(SimulatedEnv):
         self._success_scale = success_scale(success_frame, views[0], rho)
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
         self.braked = brake
-        self.n_pulse_steps = n_pulse_steps
+        self.pulse_duration, self.n_pulse_steps = pulse_duration, n_pulse_steps
         self._default_target = bounded("target_position", target_position, 3)
         self.random_target = random_target
         n_joints = len(spec.joints)
@@ -139,6 +144,7 @@ class StereoReachEnv(SimulatedEnv):
         self.effort_limits = bounded("effort_limits", efforts, n_joints)
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
         self.pulse_watchers: list[PulseWatcher] = []
+        self.randomization = randomization(randomize)
         self._world = World(
             spec,
             views,
@@ -148,6 +154,7 @@ class StereoReachEnv(SimulatedEnv):
             floor=floor,
             in_window=render_mode == "human",
             damping=joint_damping,
+            n_things=0 if self.randomization is None else self.randomization.n_things,
         )
         self._initial_positions = None if initial_positions is None else self._checked_start(initial_positions)
 
@@ -165,6 +172,8 @@ class StereoReachEnv(SimulatedEnv):
             resolved["markers"] = plain(marker_spec(kwargs["markers"]))
         if "cameras" in kwargs:
             resolved["cameras"] = plain_cameras(kwargs["cameras"])
+        if "randomize" in kwargs and not isinstance(kwargs["randomize"], str):
+            resolved["randomize"] = plain_randomization(kwargs["randomize"])
         return resolved
 
     @property
@@ -185,7 +194,7 @@ class StereoReachEnv(SimulatedEnv):
         base beside the plane, or cameras that are not placed in pairs.
         """
         mirrored, beside = self._world.mirrored_joints, not self.random_target and self._default_target[1] != 0.0
-        if mirrored is None or beside or not mirror_each_other([c.spec for c in self.cameras]):
+        if mirrored is None or beside or not mirror_each_other(self._world.views):
             return None
         return tuple(self.arm.spec.joints.index(joint) for joint in mirrored)
 
@@ -198,6 +207,11 @@ class StereoReachEnv(SimulatedEnv):
     def views_in_channels(self) -> bool:
         """Whether an observation has each view in a channel of its own, and not stacked in one image."""
         return self.composite.views_in_channels
+
+    @property
+    def marker_map(self) -> bool:
+        """Whether an observation has a channel that shows where the markers are."""
+        return self.composite.arrangement == "markers"
 
     # ------------------------------------------------------------------------------------------------ Gymnasium
     def reset(
@@ -246,13 +260,19 @@ class StereoReachEnv(SimulatedEnv):
     def _pulse(self, efforts: list[float]) -> None:
         """Apply the efforts, in [N m], as long as a pulse lasts; whoever watches pulses looks on its way."""
         n_parts = math.lcm(*(n for _, n in self.pulse_watchers))
+        n_late, variation = 0, self._world.variation
+        if variation is not None:
+            efforts = (variation.effort * efforts).tolist()
+            n_late = min(round(variation.latency * self.n_pulse_steps / self.pulse_duration), self.n_pulse_steps)
 
         def on_part(part: int) -> None:
             for look, n in self.pulse_watchers:
                 if part * n % n_parts == 0:
                     look(efforts)
 
-        self.arm.push(efforts, self.n_pulse_steps, on_part, n_parts)
+        if n_late:
+            self.arm.push([0.0] * len(efforts), n_late)
+        self.arm.push(efforts, self.n_pulse_steps - n_late, on_part, n_parts)
         if self.braked:
             self.arm.brake()
 
@@ -293,17 +313,28 @@ class StereoReachEnv(SimulatedEnv):
 
     # ------------------------------------------------------------------------------------------------ the start
     def _begin(self, options: Mapping[str, Any]) -> None:
-        """Place the target, then the arm."""
+        """Draw the world, place the target, then the arm."""
+        if self.randomization is not None:
+            n_joints, n_links = len(self.effort_limits), self.arm.n_links
+            self._world.vary(self.randomization.draw(self.np_random, self._world.views, n_joints, n_links))
         if self.random_target and "target_position" not in options:
             self._draw_target()
         else:
             self._target_position = bounded("target_position", options.get("target_position", self._default_target), 3)
+        if self.randomization is not None and self.randomization.n_things:
+            self._add_clutter(self.randomization)
         if "joint_positions" in options:
             self._place_arm("joint_positions", options["joint_positions"])
         elif self._initial_positions is not None:
             self._place_arm("initial_positions", self._initial_positions)
         else:
             self._place_arm_at_random()
+
+    def _add_clutter(self, ranges: Randomization) -> None:
+        """Draw what stands around the arm, clear of the target."""
+        variation = self._world.variation
+        assert variation is not None  # just drawn
+        self._world.vary(ranges.add_clutter(variation, self.np_random, self._target_position))
 
     def _place_arm(self, name: str, value: ArrayLike) -> None:
         """Rest the arm at the `value` of the option `name`, shape (n_joints,), in [rad], and look."""

@@ -42,8 +42,13 @@ def add_floor(client: Any, cameras: Sequence[Camera], drawn: bool, in_window: bo
     if drawn:
         for camera in cameras:
             camera.keep_background()
-    client.changeVisualShape(floor, -1, rgbaColor=(0.0, 0.0, 0.0, 0.0))  # TinyRenderer skips what is transparent
+    paint_floor(client, floor, None)
     return int(floor)
+
+
+def paint_floor(client: Any, floor: int, colour: Sequence[float] | None) -> None:
+    """Draw the floor in a colour, (3,) from 0 to 1, or with None not at all: TinyRenderer skips what is transparent."""
+    client.changeVisualShape(floor, -1, rgbaColor=(0.0, 0.0, 0.0, 0.0) if colour is None else (*colour, 1.0))
 
 
 def add_ball(client: Any, colour: tuple[float, ...], radius: float) -> int:

@@ -13,11 +13,13 @@ import pybullet
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.cameras import Camera, CameraSpec
 from sb3_stereo.envs.capture import CameraRig, Floats
+from sb3_stereo.envs.clutter import Clutter
 from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.mirror import mirrored_joints
 from sb3_stereo.envs.robots import ArmSpec
-from sb3_stereo.envs.scene import add_floor, empty_world
+from sb3_stereo.envs.scene import GRAVITY, GREY, add_floor, empty_world, paint_floor
 from sb3_stereo.envs.specs import quoted, require
+from sb3_stereo.envs.variation import Variation
 
 
 @dataclass(eq=False)
@@ -36,6 +38,8 @@ class World:
         floor: Draw the floor. It is solid in any case.
         in_window: Show it in Bullet's window.
         damping: Viscous damping per actuated joint, in [N m s/rad]; None for the arm's own.
+        n_things: Of the clutter, see `Clutter`.
+        variation: What differs in this episode; see `vary`.
     """
 
     arm_spec: ArmSpec
@@ -46,11 +50,13 @@ class World:
     floor: bool
     in_window: bool
     damping: Floats | None
+    n_things: int = 0
+    variation: Variation | None = None
 
     def __post_init__(self) -> None:
         self._client = client = empty_world(self.in_window, self.physics_rate, self.weightless)
         self.cameras = tuple(Camera(view, client) for view in self.views)
-        ground = add_floor(client, self.cameras, drawn=self.floor, in_window=self.in_window)
+        self._ground = ground = add_floor(client, self.cameras, drawn=self.floor, in_window=self.in_window)
         self.arm = Arm(self.arm_spec, client)
         for link in self.arm.fixed_links:  # what stands on the floor touches it in every pose
             client.setCollisionFilterPair(ground, self.arm.body, -1, link, 0)
@@ -58,8 +64,30 @@ class World:
             self.arm.set_damping(self.damping)
         self.mirrored_joints = mirrored_joints(self.arm)
         self.rig = CameraRig(client, self.cameras, self.arm, self.markers)
+        self._clutter = Clutter(client, self.n_things)
+        self._pristine, self._start = client.saveState(), client.saveState()
+        self._saved: WeakKeyDictionary[object, tuple[int, Variation | None]] = WeakKeyDictionary()
+        if self.variation is not None:
+            self.vary(self.variation)
+
+    def vary(self, variation: Variation) -> None:
+        """Become another episode's world. Where bodies are is then that of no pose: place the arm."""
+        self.variation, client, arm = variation, self._client, self.arm
+        for camera, view in zip(self.cameras, variation.views, strict=True):
+            camera.aim(view, variation.light.options)
+        self.rig.use_sensors(variation.sensors, self._ground)
+        share = variation.gravity if self.weightless else 1.0
+        client.setGravity(*(share * g for g in GRAVITY))
+        arm.scale_masses(variation.mass)
+        arm.set_damping(variation.damping * (arm.spec.damping if self.damping is None else self.damping))
+        arm.set_friction(variation.friction)
+        arm.paint(variation.paint, variation.painted)
+        shown = GREY[:3] if self.floor and variation.floor is None else variation.floor
+        paint_floor(client, self._ground, None if shown is None else tuple(shown))
+        client.removeState(self._start)
+        client.restoreState(self._pristine)
+        self._clutter.place(variation.clutter)
         self._start = client.saveState()
-        self._saved: WeakKeyDictionary[object, int] = WeakKeyDictionary()
 
     def place_arm(self, positions: Iterable[float]) -> bool:
         """Rest the arm at `positions` as if nothing had been before; return whether it is free there."""
@@ -77,19 +105,25 @@ class World:
     # ------------------------------------------------------------------------------------------------ states
     def save(self, key: object) -> None:
         """Keep the state of all bodies and contacts for the very object that is given as its key."""
-        self._saved[key] = self._client.saveState()
+        self._saved[key] = self._client.saveState(), self.variation
 
     def restore(self, key: object) -> None:
         """Go back to the state that was saved with `key`, exactly."""
-        self._client.restoreState(self._number_of(key))
+        self._go_back(*self._state_of(key))
 
     def remove(self, key: object) -> None:
         """Free the state that was saved with `key`."""
-        self._client.removeState(self._number_of(key))
+        self._client.removeState(self._state_of(key)[0])
         del self._saved[key]
 
-    def _number_of(self, key: object) -> int:
-        """Bullet's number of a state: of no use alone, since another client's are the same."""
+    def _go_back(self, state: int, variation: Variation | None) -> None:
+        """Restore a state of Bullet's, in the world of its episode, which it does not hold."""
+        if variation is not None and variation is not self.variation:
+            self.vary(variation)
+        self._client.restoreState(state)
+
+    def _state_of(self, key: object) -> tuple[int, Variation | None]:
+        """Bullet's number of a state, of no use alone since another client's are the same, and its variation."""
         whose = "the state is another environment's, or removed"
         require(key in self._saved, f"{whose}; give one that save_state of this environment returned")
         return self._saved[key]
@@ -97,11 +131,11 @@ class World:
     @contextmanager
     def unchanged_by_errors(self) -> Iterator[None]:
         """Go back to the state before if an error is raised within."""
-        before = self._client.saveState()
+        before, variation = self._client.saveState(), self.variation
         try:
             yield
         except BaseException:
-            self._client.restoreState(before)
+            self._go_back(before, variation)
             raise
         finally:
             self._client.removeState(before)

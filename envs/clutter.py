@@ -1,0 +1,109 @@
+"""Things around the arm that belong to no task: boxes, cylinders and balls that touch nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.cameras import CameraSpec
+
+Floats = NDArray[np.float64]
+
+SIZES = (0.03, 0.12)  # [m], half of what a thing measures
+GOLDEN = 0.618  # spreads the sizes evenly, however many things there are
+RADIUS, HEIGHT = 1.2, 0.9  # [m], around and above the base
+CLEAR = 0.09  # [m] around the target that stay visible
+MAX_DRAWS = 50  # of a place that is not before the target
+AWAY, UPRIGHT = (0.0, 0.0, -100.0), (0.0, 0.0, 0.0, 1.0)  # where things are that are not needed
+
+
+@dataclass(frozen=True)
+class Item:
+    """One thing.
+
+    Attributes:
+        number: Which of a `Clutter`'s it is: that says its shape and its size.
+        position: Of its middle, in [m], world.
+        orientation: A quaternion (x, y, z, w).
+        colour: Red, green, blue, from 0 to 1.
+    """
+
+    number: int
+    position: tuple[float, ...]
+    orientation: tuple[float, ...]
+    colour: tuple[float, ...]
+
+
+def size_of(number: int) -> float:
+    """Half of a thing's extent, in [m]."""
+    return SIZES[0] + (SIZES[1] - SIZES[0]) * (number * GOLDEN % 1.0)
+
+
+def draw_items(
+    n: int, n_things: int, rng: np.random.Generator, views: Sequence[CameraSpec], target: Floats
+) -> tuple[Item, ...]:
+    """Draw where things are, so that they hide the target in no view; one that finds no place is left out.
+
+    Args:
+        n: How many.
+        n_things: How many there are to choose from.
+        rng: Where they are drawn from.
+        views: The cameras.
+        target: Shape (3,), in [m], world.
+    """
+    items = []
+    for number in rng.permutation(n_things)[:n].tolist():
+        position = _draw_place(1.8 * size_of(number) + CLEAR, rng, views, target)
+        quaternion, grey = rng.standard_normal(4), rng.uniform(0.1, 0.9)
+        colour = np.clip(grey + rng.uniform(-0.15, 0.15, 3), 0.0, 1.0)
+        if position is not None:
+            orientation = quaternion / np.linalg.norm(quaternion)
+            items.append(Item(number, *(tuple(v.tolist()) for v in (position, orientation, colour))))
+    return tuple(items)
+
+
+def _draw_place(room: float, rng: np.random.Generator, views: Sequence[CameraSpec], target: Floats) -> Floats | None:
+    """A place at least `room`, in [m], beside the line of sight to the target in every view; None if none is found."""
+    for _ in range(MAX_DRAWS):
+        angle, out = rng.uniform(0, 2 * np.pi), RADIUS * np.sqrt(rng.random())
+        place = np.array([out * np.cos(angle), out * np.sin(angle), rng.uniform(0.0, HEIGHT)])
+        gaps = [np.linalg.norm(view.project(place) - view.project(target)) / view.scale for view in views]
+        if min(gaps) >= room:
+            return place
+    return None
+
+
+class Clutter:
+    """The things in one Bullet client. They are made at once: a saved state must have the bodies of the world.
+
+    Args:
+        client: A `BulletClient`.
+        n_things: How many there are.
+    """
+
+    def __init__(self, client: Any, n_things: int) -> None:
+        self._client = client
+        self._bodies = [self._add(number) for number in range(n_things)]
+
+    def place(self, items: Sequence[Item]) -> None:
+        """Show these things and no others."""
+        wanted = {item.number: item for item in items}
+        for number, body in enumerate(self._bodies):
+            item = wanted.get(number)
+            place = (AWAY, UPRIGHT) if item is None else (item.position, item.orientation)
+            self._client.resetBasePositionAndOrientation(body, *place)
+            if item is not None:
+                self._client.changeVisualShape(body, -1, rgbaColor=(*item.colour, 1.0))
+
+    def _add(self, number: int) -> int:
+        size = size_of(number)
+        shapes: list[dict[str, Any]] = [
+            {"shapeType": pybullet.GEOM_BOX, "halfExtents": (size, size, 1.3 * size)},
+            {"shapeType": pybullet.GEOM_CYLINDER, "radius": 0.6 * size, "length": 3 * size},
+            {"shapeType": pybullet.GEOM_SPHERE, "radius": size},
+        ]
+        shape = self._client.createVisualShape(**shapes[number % len(shapes)])
+        return int(self._client.createMultiBody(baseVisualShapeIndex=shape, basePosition=AWAY))
