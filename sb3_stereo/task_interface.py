@@ -22,6 +22,7 @@ class StereoTask(Protocol):
 
     n_views: int
     views_in_channels: bool  # each view is a channel, and not a part of the rows
+    marker_map: bool  # every second channel shows where the markers are, and not luminance
     mirrored_joints: tuple[int, ...] | None  # action components that change sign in the mirror; None: no mirror image
     n_joints: int  # joints that one discrete action moves; `QuantizedActions` has it
 
@@ -33,12 +34,14 @@ class Task:
     Attributes:
         n_views: Views in an image; a stereo pair if the environment does not say.
         views_in_channels: As in `StereoTask`; None if the environment does not say.
+        marker_map: As in `StereoTask`; no if the environment does not say.
         mirrored_joints: As in `StereoTask`; None as well if the environment does not say.
         n_joints: As in `StereoTask`; None if the environment does not say.
     """
 
     n_views: int = 2
     views_in_channels: bool | None = None
+    marker_map: bool = False
     mirrored_joints: tuple[int, ...] | None = None
     n_joints: int | None = None
 

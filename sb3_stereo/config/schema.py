@@ -298,7 +298,7 @@ def _algo_kwargs(algo_class: Any, kwargs: dict[str, Any]) -> dict[str, Any]:
         value = kwargs.get(key)
         if isinstance(value, str):
             limits.check(key, _linear(value, key), key)
-    for key in ("replay_buffer_kwargs", "pretraining", "exploration"):
+    for key in ("replay_buffer_kwargs", "pretraining", "exploration", "augmentation"):
         if kwargs.get(key) is not None:
             kwargs[key] = _as_map(kwargs, key)
     return check_kwargs(algo_class, kwargs, _sb3_name(algo_class))

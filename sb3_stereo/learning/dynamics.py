@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+import torch as th
+
+from sb3_stereo.learning.augmentation import ImageAugmentation, Layout
 from sb3_stereo.learning.off_policy import OffPolicyMixin
 from sb3_stereo.learning.replay import StereoReplayBuffer
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
-from sb3_stereo.policies.dynamics import DynamicsHeads
+from sb3_stereo.policies.dynamics import DynamicsHeads, DynamicsSamples
 from sb3_stereo.task_interface import agreed_n_views, check_offsets, task_of
 
 
@@ -21,6 +25,8 @@ class DynamicsMixin(OffPolicyMixin):
         dynamics_steps: Updates of the encoder at each training, as `gradient_steps` counts those of the agent.
         pretraining: As in `OffPolicyMixin`; "dynamics" is the number of updates of the encoder, which come first.
         exploration: As in `OffPolicyMixin`.
+        augmentation: Arguments of `ImageAugmentation`: how the images that train the encoder are changed; {} takes its
+            defaults. Critic and actor see the features of the images as they are. None changes nothing.
         kwargs: Of the algorithm.
 
     Raises:
@@ -37,11 +43,15 @@ class DynamicsMixin(OffPolicyMixin):
         dynamics_steps: int = 0,
         pretraining: Mapping[str, float] | None = None,
         exploration: Mapping[str, float] | None = None,
+        augmentation: Mapping[str, Any] | None = None,
         **kwargs: Any,
     ) -> None:
         if dynamics_steps < 0:
             raise ValueError(f"dynamics_steps must not be negative, got {dynamics_steps}")
         self.dynamics_steps = dynamics_steps
+        self.augmentation = None if augmentation is None else dict(augmentation)
+        if augmentation is not None:
+            ImageAugmentation.of(augmentation)
         super().__init__(*args, pretraining=pretraining, exploration=exploration, **kwargs)
 
     @property
@@ -103,10 +113,23 @@ class DynamicsMixin(OffPolicyMixin):
     def _train_dynamics(self, n_updates: int, batch_size: int) -> None:
         """Train the encoder and the heads."""
         for _ in range(n_updates):
-            samples = self.replay_buffer.sample_dynamics(batch_size)
             assert self.heads is not None
+            samples = self._augmented(self.replay_buffer.sample_dynamics(batch_size))
             loss = self.heads.update(self.policy.encoder, samples)
             self.logger.record("train/dynamics_loss", loss)
+
+    def _augmented(self, samples: DynamicsSamples) -> DynamicsSamples:
+        """The samples with images as other worlds would show them."""
+        if self.augmentation is None:
+            return samples
+        augmentation, buffer = ImageAugmentation.of(self.augmentation), self.replay_buffer
+        rng = np.random.default_rng(np.random.randint(2**31))
+        images = th.cat([samples.observations, samples.next_observations])
+        share = augmentation.share_at(self.num_timesteps)
+        layout = Layout(buffer.n_views, buffer.views_in_channels, buffer.marker_map)
+        changed = th.from_numpy(augmentation.change_some(images.cpu().numpy(), share, layout, rng)).to(images.device)
+        observations, next_observations = changed.chunk(2)
+        return samples._replace(observations=observations, next_observations=next_observations)
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         state_dicts, variables = super()._get_torch_save_params()

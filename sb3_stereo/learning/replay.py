@@ -18,7 +18,9 @@ from sb3_stereo.policies.dynamics import DynamicsSamples
 from sb3_stereo.task_interface import OFFSETS
 
 Index = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and environments, (batch,) each
-OWN_SETTINGS = frozenset({"mirror_probability", "success_fraction", "mirrored_joints", "n_views", "views_in_channels"})
+OWN_SETTINGS = frozenset(
+    {"mirror_probability", "success_fraction", "mirrored_joints", "n_views", "views_in_channels", "marker_map"}
+)
 
 
 class StereoReplayBuffer(ReplayBuffer):
@@ -36,6 +38,7 @@ class StereoReplayBuffer(ReplayBuffer):
         n_views: Views in an image; the mirror reverses their order.
         views_in_channels: Each view is a channel (n_frames * n_views, height, width), and not a part of the rows
             (channels, n_views * height, width). None: if there are as many channels as views.
+        marker_map: Every second channel shows where the markers are, and not luminance.
         mirrored_joints: Components of the action that change sign: for most arms the joints that turn about an axis in
             that plane. None if the task has no mirror image.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
@@ -55,6 +58,7 @@ class StereoReplayBuffer(ReplayBuffer):
         *args: Any,
         n_views: int = 2,
         views_in_channels: bool | None = None,
+        marker_map: bool = False,
         mirrored_joints: Sequence[int] | None = None,
         n_joints: int | None = None,
         mirror_probability: float | None = None,
@@ -79,7 +83,7 @@ class StereoReplayBuffer(ReplayBuffer):
             problem = "give 1 or more" if n_steps < 1 else "set optimize_memory_usage to false for it"
             raise ValueError(f"n_steps is {n_steps}; {problem}")
         self.n_views, self.mirror_probability, self.success_fraction = n_views, mirror_probability, success_fraction
-        self.n_steps, self.gamma = n_steps, gamma
+        self.n_steps, self.gamma, self.marker_map = n_steps, gamma, marker_map
         self.views_in_channels = self.obs_shape[0] == n_views if views_in_channels is None else views_in_channels
         split = self.obs_shape[0 if self.views_in_channels else 1]
         if mirror_probability and split % n_views:
