@@ -4,7 +4,9 @@ import argparse
 import json
 import math
 import sys
-from typing import Any
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from sb3_stereo import runtime
 from sb3_stereo.commands.flags import (
@@ -18,6 +20,13 @@ from sb3_stereo.commands.flags import (
 )
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    from sb3_stereo.config.schema import Config
+
+N_DISTURBED = 40  # of the test poses, in each of the disturbed worlds
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -46,6 +55,18 @@ def make_parser() -> argparse.ArgumentParser:
         type=at_least(1, -1),
         default=-1,
         help="parallel environments, one process each (default: free cores, up to 4)",
+    )
+    parser.add_argument(
+        "--disturbances",
+        action="store_true",
+        help="score it in changed worlds too: light, sensor, cameras, arm, look, clutter",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=path,
+        metavar="FILE.csv",
+        help="where their scores go, and a picture beside them (default: disturbances.csv in the run's directory)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_process_flags(parser)
@@ -79,6 +100,8 @@ def evaluate_command(args: argparse.Namespace) -> int:
         load_model(config, path, args.device, args.trust),
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
     )
+    if args.disturbances:
+        return disturb(args, run, config, model, n_envs)
     bar = (
         Bar(len(initial_states), "pose")
         if args.verbose
@@ -94,9 +117,36 @@ def evaluate_command(args: argparse.Namespace) -> int:
     return 0
 
 
-def json_scores(scores: dict[str, float]) -> dict[str, Any]:
+def disturb(args: argparse.Namespace, run: Path, config: "Config", model: "BaseAlgorithm", n_envs: int) -> int:
+    """Score the agent in all worlds of the suite; print a table and write it with a picture."""
+    from sb3_stereo.console import Bar
+    from sb3_stereo.evaluation import disturbances
+    from sb3_stereo.evaluation.protocol import eval_initial_states, random_initial_states
+
+    if args.poses:
+        initial_states = random_initial_states(args.poses, args.seed)
+    else:
+        initial_states = eval_initial_states(config.env_id, config.env_kwargs)[:N_DISTURBED]
+    output = args.output or (Path(run) / "disturbances.csv" if args.run else Path("disturbances.csv"))
+    n_worlds = sum(1 for _ in disturbances.worlds(config))
+    bar = Bar(n_worlds, "world") if args.verbose else Bar(n_worlds, "world", bar=False, interval=math.inf)
+    try:
+        scores = disturbances.score_disturbances(model, config, initial_states, n_envs, progress=bar.update)
+    finally:
+        bar.close()
+    print(json.dumps([json_scores(asdict(score)) for score in scores]) if args.json else disturbances.table(scores))
+    disturbances.write_scores(output, scores)
+    picture = output.with_suffix(".png")
+    disturbances.draw({Path(run).name: scores}, picture)
+    if not args.json:
+        print(f"written: {output}, {picture}")
+    return 0
+
+
+def json_scores(scores: dict[str, Any]) -> dict[str, Any]:
     """Return the scores with null for NaN, which JSON does not know."""
-    return {key: None if math.isnan(value) else value for key, value in scores.items()}
+    nan = {key for key, value in scores.items() if isinstance(value, float) and math.isnan(value)}
+    return {key: None if key in nan else value for key, value in scores.items()}
 
 
 def main(argv: list[str] | None = None) -> int:
