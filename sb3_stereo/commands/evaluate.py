@@ -20,6 +20,7 @@ from sb3_stereo.commands.flags import (
 )
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
+from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -84,6 +85,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.runs.models import load_model
     from sb3_stereo.runs.pretrained import pretrained_run
 
+    check_output(args)
     import_packages(args.gym_packages)
     check_device(args.device)
     run = args.run or pretrained_run("ddpg", args.pretrained)
@@ -117,6 +119,16 @@ def evaluate_command(args: argparse.Namespace) -> int:
     return 0
 
 
+def check_output(args: argparse.Namespace) -> None:
+    """Raise a ConfigError if there is nothing to write, or a picture would take the place of the scores."""
+    if args.output is None:
+        return
+    if not args.disturbances:
+        raise ConfigError("-o is where the scores of --disturbances go; add --disturbances, or leave -o out")
+    if Path(args.output).suffix != ".csv":
+        raise ConfigError(f"-o is '{args.output}'; give a file that ends in .csv, the picture goes beside it")
+
+
 def disturb(args: argparse.Namespace, run: Path, config: "Config", model: "BaseAlgorithm", n_envs: int) -> int:
     """Score the agent in all worlds of the suite; print a table and write it with a picture."""
     from sb3_stereo.console import Bar
@@ -127,7 +139,7 @@ def disturb(args: argparse.Namespace, run: Path, config: "Config", model: "BaseA
         initial_states = random_initial_states(args.poses, args.seed)
     else:
         initial_states = eval_initial_states(config.env_id, config.env_kwargs)[:N_DISTURBED]
-    output = args.output or (Path(run) / "disturbances.csv" if args.run else Path("disturbances.csv"))
+    output = Path(args.output or (Path(run) / "disturbances.csv" if args.run else "disturbances.csv"))
     n_worlds = sum(1 for _ in disturbances.worlds(config))
     bar = Bar(n_worlds, "world") if args.verbose else Bar(n_worlds, "world", bar=False, interval=math.inf)
     try:
