@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import surviving_broken_pipes
 from sb3_stereo.errors import ConfigError, one_line
+from sb3_stereo.runs.directory import LAST_CHECKPOINT
 
 MAX_PATH, MAX_NAME = 4000, 255  # [bytes], Linux's limits; a run's files have longer paths than its folder
 INTERRUPTED = 130  # 128 + SIGINT, the shell's convention
@@ -94,6 +95,13 @@ def add_model_flags(parser: argparse.ArgumentParser) -> None:
     choice = parser.add_mutually_exclusive_group()
     choice.add_argument("--load-best", action="store_true", help="load best_model.zip instead of the final model")
     choice.add_argument("--load-checkpoint", type=at_least(0), metavar="N", help="load rl_model_N_steps.zip")
+    choice.add_argument(
+        "--load-last-checkpoint",
+        dest="load_checkpoint",
+        action="store_const",
+        const=LAST_CHECKPOINT,
+        help="load the newest of them",
+    )
     parser.add_argument("--trust", action="store_true", help="load a model from elsewhere, with the code it may hold")
 
 

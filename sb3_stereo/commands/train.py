@@ -21,6 +21,7 @@ from sb3_stereo.commands.flags import (
     run_command,
 )
 from sb3_stereo.console import aligned, command_line
+from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
     from sb3_stereo.config.schema import Config
@@ -62,6 +63,13 @@ def make_parser() -> argparse.ArgumentParser:
         help="steps between evaluations (default: the paper's steps; -1: only the end)",
     )
     parser.add_argument(
+        "--eval-episodes",
+        type=at_least(0),
+        default=0,
+        metavar="N",
+        help="of the test poses, how many each evaluation plays (default: 0, all of them)",
+    )
+    parser.add_argument(
         "--n-eval-envs",
         type=at_least(1, -1),
         default=-1,
@@ -76,6 +84,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--resume", type=path, metavar="RUN", help="resume an interrupted run with its own settings")
     parser.add_argument("-tb", "--tensorboard-log", type=path, help="TensorBoard folder (default: none)")
     parser.add_argument("-P", "--progress", action="store_true", help="show the progress bar even without a terminal")
+    parser.add_argument(
+        "-optimize", "--optimize-hyperparameters", action="store_true", help=f"see {command_line('sweep')}"
+    )
     add_process_flags(parser)
     return parser
 
@@ -97,6 +108,7 @@ def make_options(args: argparse.Namespace) -> "Options":
         seed=args.seed if args.seed >= 0 else random.SystemRandom().randrange(2**31),
         log_folder=args.log_folder,
         eval_freq=args.eval_freq,
+        eval_episodes=args.eval_episodes,
         n_eval_envs=args.n_eval_envs if args.n_eval_envs > 0 else runtime.free_cores(),
         save_freq=args.save_freq,
         tensorboard_log=args.tensorboard_log,
@@ -112,6 +124,8 @@ def make_options(args: argparse.Namespace) -> "Options":
 def train_command(args: argparse.Namespace) -> int:
     """Read the configuration, train, and say how it went."""
     runtime.tune_allocator()
+    if args.optimize_hyperparameters:
+        raise ConfigError(f"train makes one run; search with: {command_line('sweep', '--help')}")
     if args.resume:
         return resume_command(args)
     from sb3_stereo.runs.directory import import_packages, model_path
@@ -155,7 +169,6 @@ def report(result: "Result", seconds: float, verbose: int) -> int:
 def resume_command(args: argparse.Namespace) -> int:
     """Go on with a run and say how it went, and in a line each what of it was damaged."""
     from sb3_stereo.config.modules import import_installed, import_packages
-    from sb3_stereo.errors import ConfigError
     from sb3_stereo.runs.directory import load_record, read_record
     from sb3_stereo.training.options import recorded_options
     from sb3_stereo.training.trainer import resume
@@ -177,8 +190,6 @@ def resume_command(args: argparse.Namespace) -> int:
 def check_flags(args: argparse.Namespace) -> None:
     """Raise a ConfigError for a flag whose value or extra is missing."""
     from importlib.util import find_spec
-
-    from sb3_stereo.errors import ConfigError
 
     check_device(args.device)
     if args.seed >= 2**32:

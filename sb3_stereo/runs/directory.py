@@ -25,6 +25,7 @@ EVALUATIONS = "evaluations.csv"
 UNREADABLE = (KeyError, TypeError, ValueError, csv.Error)  # what a damaged table raises
 ARGUMENTS = "args.yml"
 CHECKPOINT_PREFIX = "rl_model"
+LAST_CHECKPOINT = -1  # in place of a step
 
 
 def env_name(env_id: str) -> str:
@@ -171,13 +172,19 @@ def checkpoint_name(step: int) -> str:
 def model_path(run: str | Path, env_id: str, best: bool = False, checkpoint: int | None = None) -> Path:
     """Return the file of a run's final model, of its best or of a checkpoint.
 
+    Args:
+        run: The run's directory.
+        env_id: Of its environment.
+        best: The best one.
+        checkpoint: The step of one; `LAST_CHECKPOINT` is the newest.
+
     Raises:
         ConfigError: If there is no such model; names those that exist.
     """
     run = Path(run)
     name = BEST_MODEL if best else f"{env_name(env_id)}.zip"
     if checkpoint is not None:
-        name = checkpoint_name(checkpoint)
+        name = checkpoint_name(max(checkpoint_steps(run), default=0) if checkpoint == LAST_CHECKPOINT else checkpoint)
     if not (run / name).is_file():
         existing = sorted(path.name for path in run.glob("*.zip"))
         raise ConfigError(

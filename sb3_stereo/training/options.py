@@ -20,6 +20,7 @@ class Options:
         log_folder: Where the run directory is made.
         eval_freq: 0 evaluates at the paper's steps, a positive number every so many steps, a negative one only at
             the end.
+        eval_episodes: Of the test poses, how many a score plays; 0 plays all.
         n_eval_envs: Environments that are stepped together in a score.
         save_freq: A model and a snapshot every so many environment steps; not positive saves none.
         tensorboard_log: Folder for TensorBoard; None writes nothing.
@@ -34,6 +35,7 @@ class Options:
     seed: int
     log_folder: str = "logs"
     eval_freq: int = 0
+    eval_episodes: int = 0
     n_eval_envs: int = 1
     save_freq: int = -1
     tensorboard_log: str | None = None
@@ -55,8 +57,8 @@ def recorded_options(args: Mapping[str, Any]) -> Options:
     for name in kinds.keys() & args.keys():
         if not fits(args[name], kinds[name]):
             raise ConfigError(f"the run's args.yml has {name}: {args[name]!r}; write there what it was trained with")
-    for name, least in {"seed": 0, "n_eval_envs": 1}.items():
-        if args.get(name, -1) < least:
+    for name, least in {"seed": 0, "n_eval_envs": 1, "eval_episodes": 0}.items():
+        if args.get(name, 0 if name == "eval_episodes" else -1) < least:  # which older records lack
             raise ConfigError(
                 f"the run's args.yml must have {name} of at least {least}; write what it was trained with"
             )

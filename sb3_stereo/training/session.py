@@ -121,9 +121,10 @@ def make_evaluation(
     config: Config, options: Options, run: Path, on_evaluation: OnEvaluation | None = None
 ) -> PoseEvalCallback:
     """Make the callback that evaluates the agent from the environment's fixed starts."""
+    initial_states = eval_initial_states(config.env_id, config.env_kwargs)
     return PoseEvalCallback(
         make_env(config.env_id, config.env_kwargs, config.env_wrapper),
-        eval_initial_states(config.env_id, config.env_kwargs),
+        initial_states[: options.eval_episodes or len(initial_states)],
         run,
         eval_steps(config.algo, config.n_timesteps, options.eval_freq),
         options.n_eval_envs,

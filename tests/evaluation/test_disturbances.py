@@ -1,4 +1,4 @@
-"""The disturbance suite: worlds that the environment can make, scores that are what was played, one table, one picture."""
+"""The disturbance suite: worlds that can be made, scores that are what was played, one table and one picture."""
 
 import csv
 from dataclasses import replace
@@ -118,7 +118,7 @@ def test_written_scores_are_read_again(tmp_path: Path) -> None:
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     for write in (lambda file: write_scores(file, SCORES), lambda file: draw({"agent": SCORES}, file)):
-        with pytest.raises(ConfigError, match="cannot write .*; choose another with -o"):
+        with pytest.raises(ConfigError, match=r"cannot write .*; choose another with -o"):
             write(tmp_path / "nowhere" / "scores.png")
 
 

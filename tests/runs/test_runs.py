@@ -80,6 +80,13 @@ def test_what_is_missing_is_named(logs: Path) -> None:
     assert str(error.value) == f"'{logs}' is not a run directory; give one such as logs/ddpg/WamStereoReach-v0_1"
 
 
+def test_the_last_checkpoint_is_the_one_with_most_steps(logs: Path) -> None:
+    run = create_run(logs, CONFIG, ARGS)
+    for step in (900, 1000, 20):
+        (run / runs.checkpoint_name(step)).touch()
+    assert runs.model_path(run, ENV_ID, checkpoint=runs.LAST_CHECKPOINT).name == "rl_model_1000_steps.zip"
+
+
 def test_a_log_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(ConfigError) as error:

@@ -97,6 +97,20 @@ def test_the_command_that_is_named_after_a_training_plays_its_best_model(
     assert capsys.readouterr().out.startswith(f"Loading {run / 'best_model.zip'}\n")
 
 
+def test_an_evaluation_plays_as_many_test_poses_as_are_asked_for(logs: Path) -> None:
+    options = Options(seed=3, log_folder=str(logs), eval_freq=20, eval_episodes=7, verbose=0)
+    result = train(tiny_config(), options)
+    assert result.evaluation is not None and result.evaluation.n_poses == 7
+    rows = list(csv.DictReader((result.run / "evaluations.csv").open()))
+    assert [row["n_poses"] for row in rows] == ["7", "7"]
+
+
+def test_a_search_is_what_sweeps_are_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert train_cli.main(["-optimize"]) == 2
+    expected = "error: train makes one run; search with: python -m sb3_stereo sweep --help\n"
+    assert capsys.readouterr().err == expected
+
+
 def test_same_seed_learns_the_same(logs: Path) -> None:
     results = [train(tiny_config(), Options(seed=s, log_folder=str(logs), verbose=0)) for s in (3, 3, 4)]
     q_values = [result.evaluation.mean_q for result in results if result.evaluation]

@@ -181,10 +181,15 @@ def test_enjoy_films_whole_episodes_that_can_be_played(
     suffix: str, wam_logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / f"film{suffix}"
-    flags = ["--load-checkpoint", "15", "--exp-id", "1", "--n-episodes", "1"]
+    which = ["--load-checkpoint", "15"] if suffix == ".mp4" else ["--load-last-checkpoint"]
+    flags = [*which, "--exp-id", "1", "--n-episodes", "1"]
     assert play(wam_logs, *flags, "--video", str(file)) == 0
     output = capsys.readouterr().out
-    assert "rl_model_15_steps.zip" in output and f"Filmed into {file}" in output and "1 episodes" in output
+    assert (
+        f"rl_model_{15 if suffix == '.mp4' else 30}_steps.zip" in output
+        and f"Filmed into {file}" in output
+        and "1 episodes" in output
+    )
     film = cv2.VideoCapture(str(file))
     if suffix == ".mp4":
         assert int(film.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"h264"
