@@ -11,11 +11,13 @@ EXTRAS := progress,tensorboard,contrib,film,plots,sweep,benchmarks,tests,docs,de
 ARGS ?=
 
 NEWEST := .venv-newest
+PYTHONS := python3.11 python3.12 python3.13 python3.10 python3 python
+VERSIONS := 3.10 3.11 3.12 3.13
 
-.PHONY: help venv enjoy train test test-slow test-zoo test-newest audit lint docs benchmark clean
+.PHONY: help venv enjoy train test test-slow test-zoo test-newest test-pythons audit lint docs benchmark clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
 
 venv: $(STAMP) ## create .venv and install everything
 
@@ -39,6 +41,11 @@ test-newest: ## run the tests with the newest versions that setup.cfg allows, in
 	rm -rf $(NEWEST)
 	$(MAKE) --no-print-directory VENV=$(NEWEST) CONSTRAINTS= test
 
+test-pythons: ## run the tests on Python 3.10 to 3.13, each in a .venv-VERSION (VERSIONS="3.12")
+	@for version in $(VERSIONS); do \
+		$(MAKE) --no-print-directory VENV=.venv-$$version PYTHONS=python$$version test || exit 2; \
+	done
+
 audit: $(STAMP) ## check the pinned versions for known vulnerabilities (needs the network)
 	$(PIP) -e ".[audit]"
 	$(PYTHON) -m pip_audit --strict -r constraints.txt --no-deps --disable-pip $(ARGS)
@@ -58,18 +65,23 @@ clean: ## remove builds and caches; keeps .venv and logs
 	rm -rf build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov
 	find . -name __pycache__ -not -path "./$(VENV)/*" -prune -exec rm -rf {} +
 
-# Torch comes first and pinned: as a mere dependency, pip would pick whatever build is the newest.
+# Torch comes first and pinned: as a mere dependency, pip would pick whatever build is the newest. NumPy comes before
+# PyBullet, which is built with it where there is no wheel.
 $(STAMP): setup.cfg pyproject.toml constraints.txt | $(PYTHON)
 	$(PIP) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch
-	$(PIP) setuptools
+	$(PIP) setuptools wheel numpy
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info >= (3, 12))' || { \
+		echo "PyBullet has no wheel for $$($(PYTHON) --version): building it takes about four minutes and a C++ compiler."; \
+		command -v c++ >/dev/null || { echo "There is no C++ compiler (c++) on the PATH; install one, e.g. g++." >&2; exit 2; }; \
+	}
 	$(PIP) --no-build-isolation -e ".[$(EXTRAS)]"
 	@touch $@
 
 $(PYTHON):
-	@for python in python3.11 python3.10 python3 python; do \
-		if $$python -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 10), (3, 11)))' >/dev/null 2>&1; then \
+	@for python in $(PYTHONS); do \
+		if $$python -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' >/dev/null 2>&1; then \
 			echo "Creating $(VENV) with $$($$python --version)"; exec $$python -m venv $(VENV); \
 		fi; \
 	done; \
-	echo "sb3_stereo needs Python 3.10 or 3.11 (PyBullet has wheels for no later one), and none is on the PATH." >&2; \
+	echo "sb3_stereo needs Python 3.10 to 3.13, and there is no $(PYTHONS) of these on the PATH." >&2; \
 	exit 2

@@ -6,9 +6,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.damping import MAX_EXPLICIT_LOSS, ImplicitDamping, JointSpace, explicit_loss
 from sb3_stereo.envs.joints import make_joints
 from sb3_stereo.envs.robots import ArmSpec

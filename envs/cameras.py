@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.specs import plain, quoted, read_yaml, require, require_known
 from sb3_stereo.envs.validation import STRICT, Integer, Quantity, Text, Vector, explained, from_map
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.cameras import CameraSpec
 
 Floats = NDArray[np.float64]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require
 from sb3_stereo.envs.urdf import Mimic

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.cameras import Camera
 from sb3_stereo.envs.simulation import Client
 

@@ -4,8 +4,7 @@ import os
 import sys
 from typing import Any, NoReturn
 
-import pybullet
-from pybullet_utils.bullet_client import BulletClient
+from sb3_stereo.envs.bullet import BulletClient, check_binding, pybullet
 
 
 class Client(BulletClient):  # type: ignore[misc]
@@ -15,11 +14,12 @@ class Client(BulletClient):  # type: ignore[misc]
         gui: Open Bullet's window instead of simulating headless.
 
     Raises:
-        RuntimeError: If a window is asked for and there is no display.
+        RuntimeError: If a window is asked for and there is no display, or Bullet was built without NumPy.
     """
 
     def __init__(self, gui: bool = False) -> None:
-        self._client = -1  # for __del__, should the next line raise
+        self._client = -1  # for __del__, should the next lines raise
+        check_binding()
         if gui and sys.platform == "linux" and not os.environ.get("DISPLAY"):
             # Bullet would end the whole process.
             raise RuntimeError(

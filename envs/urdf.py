@@ -1,9 +1,7 @@
 """A robot's URDF: found, read, and rejected where Bullet would silently load something else."""
 
-import ctypes
 import os
 import re
-import tempfile
 import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
@@ -15,9 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-import pybullet
-import pybullet_data
-
+from sb3_stereo.envs.bullet import native_output, pybullet, pybullet_data
 from sb3_stereo.envs.specs import as_number, quoted, require, require_known, require_readable
 
 MESHES = (".obj", ".stl", ".dae")  # that Bullet reads
@@ -218,22 +214,9 @@ def load_urdf(client: Any, path: str, position: Any, orientation: Any, flags: in
 def bullet_says() -> Iterator[list[str]]:
     """Collect the warnings that Bullet's C++ prints on standard output, where they would break a command's JSON."""
     lines: list[str] = []
-    try:
-        libc, saved = ctypes.CDLL(None), os.dup(1)
-    except (OSError, TypeError):  # a closed standard output; Windows
+    with native_output(1) as printed:
         yield lines
-        return
-    with tempfile.TemporaryFile() as file:
-        libc.fflush(None)  # what was printed before is not ours
-        os.dup2(file.fileno(), 1)
-        try:
-            yield lines
-        finally:
-            libc.fflush(None)
-            os.dup2(saved, 1)
-            os.close(saved)
-            file.seek(0)
-            text = file.read().decode(errors="replace")
-            text = re.sub(r"No inertial data for link, using mass=1.*\n?.*", "", text)  # not with us
-            text = re.sub(r"b3(Warning|Error|Printf)\[[^\]]*\]:?\n?", "\n", text)
-            lines += [line for line in map(str.strip, text.split("\n")) if line]
+    for text in printed:
+        text = re.sub(r"No inertial data for link, using mass=1.*\n?.*", "", text)  # not with us
+        text = re.sub(r"b3(Warning|Error|Printf)\[[^\]]*\]:?\n?", "\n", text)
+        lines += [line for line in map(str.strip, text.split("\n")) if line]

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
-import pybullet
-
 from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.cameras import Camera, CameraSpec
 from sb3_stereo.envs.capture import CameraRig, Floats
 from sb3_stereo.envs.clutter import Clutter

@@ -15,9 +15,9 @@ from typing import Any
 from unittest.mock import patch
 
 import gymnasium as gym
-import pybullet
 
 from benchmarks.speed.timing import Candidate, Parts, Worker, medians, on_one_core, peak_memory, serve, timed
+from sb3_stereo.envs.bullet import pybullet
 
 ENV_ID = "sb3_stereo:WamStereoReach-v0"
 N_STEPS = 10  # per time, to even out resets and what the candidate before left in the caches

@@ -4,10 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pybullet
 import pytest
 
 from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec
 from sb3_stereo.envs.simulation import Client
 

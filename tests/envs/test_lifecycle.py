@@ -6,13 +6,13 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pybullet
 import pytest
 from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_copies import DOWN, plain, play, random_actions
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.reach import StereoReachEnv
 
 NO_EPISODE = "the environment has no episode yet; call reset first"
