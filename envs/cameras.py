@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import cv2
@@ -94,6 +95,10 @@ class CameraSpec:
         """Pixels per metre at the point in the middle of the picture."""
         distance = math.dist(self.position, self.target)
         return self.width / (2 * distance * math.tan(self.horizontal_fov / 2))
+
+    def sized(self, height: int) -> "CameraSpec":
+        """The same camera with a frame of another size, `height` in [px], and the same shape."""
+        return replace(self, width=round(self.width * height / self.height), height=height)
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where world points appear in the frame.

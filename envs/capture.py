@@ -14,7 +14,9 @@ from sb3_stereo.envs.marker_specs import MEASURES, MarkerSpec
 from sb3_stereo.envs.markers import Blobs
 from sb3_stereo.envs.scene import BLUE, RED, add_ball, add_hollow_ball
 from sb3_stereo.envs.sensor import NOTHING, Sensor
+from sb3_stereo.envs.shadows import Shadow
 from sb3_stereo.envs.simulation import Client
+from sb3_stereo.envs.variation import Light
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -61,16 +63,21 @@ class CameraRig:
         self.markers = add_ball(client, RED, self.radii[0]), add_target(client, BLUE, self.radii[1])
         self._measure = MEASURES[markers.measure]
         self._sensors: tuple[Sensor, ...] | None = None
-        self._floor = NOTHING
+        self._floor, self._darkness = NOTHING, 0.0
+        self._shadow: Shadow | None = None
 
-    def use_sensors(self, sensors: tuple[Sensor, ...], floor: int) -> None:
+    def use_sensors(self, sensors: tuple[Sensor, ...], floor: int, light: Light, floor_drawn: bool) -> None:
         """See through these sensors, one per camera; markers are then known by their bodies, whatever their colour.
 
         Args:
             sensors: One per camera.
             floor: The floor's body.
+            light: Of the scene.
+            floor_drawn: Whether there is a floor for its shadow to fall on.
         """
-        self._sensors, self._floor = sensors, floor
+        self._sensors, self._floor, self._darkness = sensors, floor, light.shadow
+        shaded = light.shadow > 0.0 and floor_drawn
+        self._shadow = Shadow(self._client, light.direction, [c.spec for c in self._cameras]) if shaded else None
 
     def _radii_in(self, view: int) -> tuple[float, float]:
         """How large the red and the blue ball look in a view, in [px]."""
@@ -93,25 +100,36 @@ class CameraRig:
         """
         position = self._place_markers(target_position)
         # Each frame is measured while the processor's cache still holds it.
-        views = list(map(self._see, range(len(self._cameras))))
+        views = self._see()
         centres = np.array([blobs for _, blobs in views])
         return Capture(tuple(frame for frame, _ in views), centres, centres[:, 0] - centres[:, 1], position)
 
-    def _see(self, view: int) -> tuple[Image, Blobs]:
-        """A view's frame, and where the markers are in it."""
+    def _see(self) -> list[tuple[Image, Blobs]]:
+        """Every view's frame, and where the markers are in it."""
         if self._sensors is None:
-            frame = self._cameras[view].frame()
-            return frame, self.find(view, frame)
+            return [(frame, self.find(n, frame)) for n, frame in enumerate(map(Camera.frame, self._cameras))]
+        shades: list[Floats] | list[None] = [None] * len(self._cameras)
+        if self._shadow is not None:
+            shades = [np.where(mask, 1.0 - self._darkness, 1.0) for mask in self._shadow.masks(self._floor)]
+        return [self._sense(n, sensor, shade) for n, (sensor, shade) in enumerate(zip(self._sensors, shades))]
+
+    def _sense(self, view: int, sensor: Sensor, shade: Floats | None) -> tuple[Image, Blobs]:
+        """What a sensor sees, and where the markers are: known by their bodies."""
         picture, _, bodies = self._cameras[view].draw()
         red, blue = (np.where(bodies == ball, np.uint8(255), np.uint8(0)) for ball in self.markers)
-        return self._sensors[view](picture, bodies, self._floor), self.locate(view, red, blue)
+        return sensor(picture, bodies, self._floor, shade), self.locate(view, red, blue)
 
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
         """Take the frames only."""
         self._place_markers(target_position)
         if self._sensors is None:
             return tuple(camera.frame() for camera in self._cameras)
-        return tuple(self._see(view)[0] for view in range(len(self._cameras)))
+        return tuple(frame for frame, _ in self._see())
+
+    def look(self, target_position: Floats) -> tuple[tuple[Image, Blobs], ...]:
+        """Take the frames, and measure where the markers are in each."""
+        self._place_markers(target_position)
+        return tuple(self._see())
 
     def _place_markers(self, target_position: Floats) -> Floats:
         """Put the red marker where the end effector is, which is returned, and the blue one at the target."""

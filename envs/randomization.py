@@ -41,6 +41,7 @@ Probability = Annotated[Quantity, Field(ge=0, le=1)]
 BOUNDS = {
     "ambient": (0.0, 1.0),
     "light_angle": (0.0, math.pi),
+    "shadow": (0.0, 1.0),
     "exposure": (0.01, 10.0),
     "colour_cast": (0.0, 1.0),
     "noise": (0.0, 255.0),
@@ -71,7 +72,7 @@ class Randomization:
     Attributes:
         ambient: Share of the light that comes from everywhere; the rest comes from one direction.
         light_angle: By which that direction is turned about a random axis, in [rad].
-        shadow: Probability that bodies cast shadows.
+        shadow: Share of the light that a drawn floor loses in the shadow of what is above it.
         exposure: Factor of a camera's brightness.
         colour_cast: Largest share by which each colour of a camera is brighter or darker.
         noise: Standard deviation of the noise of a frame's pixels, of 255.
@@ -102,7 +103,7 @@ class Randomization:
 
     ambient: Range = (0.75, 0.75)
     light_angle: Range = (0.0, 0.0)
-    shadow: Probability = 0.0
+    shadow: Range = (0.0, 0.0)
     exposure: Range = (1.0, 1.0)
     colour_cast: Range = (0.0, 0.0)
     noise: Range = (0.0, 0.0)
@@ -183,7 +184,7 @@ class Randomization:
     def _draw_light(self, rng: np.random.Generator) -> Light:
         ambient, angle = float(rng.uniform(*self.ambient)), rng.uniform(*self.light_angle)
         direction = _turned(np.array(Light().direction), angle, _direction(rng, 3))
-        return Light(ambient, tuple(direction.tolist()), bool(rng.random() < self.shadow))
+        return Light(ambient, tuple(direction.tolist()), float(rng.uniform(*self.shadow)))
 
     def _move(self, view: CameraSpec, rng: np.random.Generator) -> CameraSpec:
         """A camera out of its place."""

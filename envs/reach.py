@@ -33,7 +33,7 @@ from sb3_stereo.envs.randomization import Randomization, plain_randomization, ra
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.specs import plain, quoted, require
 from sb3_stereo.envs.validation import fit
-from sb3_stereo.envs.world import World
+from sb3_stereo.envs.world import SHOWROOM, World
 
 PulseWatcher = tuple[Callable[[list[float]], object], int]  # what it calls with the efforts [N m], and parts of a pulse
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
@@ -300,6 +300,18 @@ class StereoReachEnv(SimulatedEnv):
     def draw(self) -> tuple[Image, ...]:
         """What every camera sees now, also in the middle of a pulse: RGBA, (height, width, 4) each, uint8."""
         return self._world.rig.draw(self._target_position)
+
+    def look(self) -> tuple[tuple[Image, Blobs], ...]:
+        """The same pictures, with where the markers are in each as the reward measures it."""
+        return self._world.rig.look(self._target_position)
+
+    def draw_larger(self, height: int) -> tuple[Image, ...]:
+        """The same as pictures for people: `height` pixels high, as the cameras would see it without their sensors."""
+        return tuple(self._world.draw_from(camera.spec.sized(height)) for camera in self.cameras)
+
+    def draw_from(self, camera: CameraSpec) -> Image:
+        """What a camera of one's own sees now: floor, light and shadow for people, RGB, (height, width, 3), uint8."""
+        return self._world.draw_from(camera, SHOWROOM)
 
     def draw_pose(self, positions: ArrayLike) -> tuple[Image, ...]:
         """The same of the actuated joints at `positions`, (n_joints,), free or not, with the default target."""

@@ -47,13 +47,14 @@ class Sensor:
     floor: Floats | None
     seed: int
 
-    def __call__(self, frame: Frame, bodies: NDArray[np.int32], floor: int) -> Frame:
+    def __call__(self, frame: Frame, bodies: NDArray[np.int32], floor: int, shade: Floats | None = None) -> Frame:
         """Return what the sensor makes of a frame.
 
         Args:
             frame: RGBA, (height, width, 4), uint8.
             bodies: Which body each pixel shows, (height, width).
             floor: The floor's.
+            shade: Factors of the floor's brightness where something casts a shadow, (height, width); None for none.
         """
         rng = np.random.default_rng((self.seed, zlib.crc32(np.ascontiguousarray(frame).data)))
         image = frame[:, :, :3].astype(np.float32)
@@ -61,6 +62,8 @@ class Sensor:
             np.copyto(image, self.background, where=(bodies == NOTHING)[:, :, None])
         if self.floor is not None:
             image *= np.where(bodies == floor, self.floor, 1.0).astype(np.float32)[:, :, None]
+        if shade is not None:
+            image *= np.where(bodies == floor, shade, 1.0).astype(np.float32)[:, :, None]
         for top, left, height, width, grey in self.patches:
             image[top : top + height, left : left + width] = grey
         image *= self.gains.astype(np.float32)
@@ -132,7 +135,7 @@ def floor_pattern(view: CameraSpec, rng: np.random.Generator) -> Floats:
     contrast, cell, angle = rng.uniform(0.2, 0.6), rng.uniform(0.1, 0.5), rng.uniform(0, np.pi)
     kind = PATTERNS[rng.integers(len(PATTERNS))]
     phases = rng.uniform(0, 100, 2)
-    x, y = _floor_points(view)
+    x, y = floor_points(view)
     u = (np.cos(angle) * x + np.sin(angle) * y) / cell + phases[0]
     v = (np.cos(angle) * y - np.sin(angle) * x) / cell + phases[1]
     waves = {
@@ -143,7 +146,7 @@ def floor_pattern(view: CameraSpec, rng: np.random.Generator) -> Floats:
     return np.asarray(1.0 - contrast * waves[kind])
 
 
-def _floor_points(view: CameraSpec) -> tuple[Floats, Floats]:
+def floor_points(view: CameraSpec) -> tuple[Floats, Floats]:
     """Where each pixel's ray meets the plane z = 0, x and y in [m], (height, width) each; 0 above the horizon."""
     forward = np.subtract(view.target, view.position) / np.linalg.norm(np.subtract(view.target, view.position))
     right = np.cross(forward, view.up) / np.linalg.norm(np.cross(forward, view.up))

@@ -20,12 +20,12 @@ class Light:
     Attributes:
         ambient: Share that comes from everywhere; the rest comes from one direction.
         direction: Where that is, shape (3,), world.
-        shadow: Whether bodies cast shadows.
+        shadow: Share of the floor's light that is lost in a shadow on it.
     """
 
     ambient: float = LIGHT["lightAmbientCoeff"]
     direction: tuple[float, ...] = LIGHT["lightDirection"]
-    shadow: bool = False
+    shadow: float = 0.0
 
     @property
     def options(self) -> dict[str, Any]:
@@ -34,7 +34,6 @@ class Light:
             "lightDirection": self.direction,
             "lightAmbientCoeff": self.ambient,
             "lightDiffuseCoeff": 1.0 - self.ambient,
-            "shadow": int(self.shadow),
         }
 
 

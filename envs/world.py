@@ -8,17 +8,24 @@ from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.cameras import Camera, CameraSpec
-from sb3_stereo.envs.capture import CameraRig, Floats
+from sb3_stereo.envs.capture import CameraRig, Floats, Image
 from sb3_stereo.envs.clutter import Clutter
 from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.mirror import mirrored_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import GRAVITY, GREY, add_floor, empty_world, paint_floor
+from sb3_stereo.envs.shadows import Shadow
 from sb3_stereo.envs.specs import quoted, require
-from sb3_stereo.envs.variation import Variation
+from sb3_stereo.envs.variation import Light, Variation
+
+# A light for people, from beside the cameras, and a floor on which the shadow is seen.
+SHOWROOM = Light(ambient=0.6, direction=(1.0, -0.6, 2.0), shadow=0.3)
+SHOWROOM_FLOOR = (0.86, 0.86, 0.84)
 
 
 @dataclass(eq=False)
@@ -74,19 +81,44 @@ class World:
         self.variation, client, arm = variation, self._client, self.arm
         for camera, view in zip(self.cameras, variation.views, strict=True):
             camera.aim(view, variation.light.options)
-        self.rig.use_sensors(variation.sensors, self._ground)
         share = variation.gravity if self.weightless else 1.0
         client.setGravity(*(share * g for g in GRAVITY))
         arm.scale_masses(variation.mass)
         arm.set_damping(variation.damping * (arm.spec.damping if self.damping is None else self.damping))
         arm.set_friction(variation.friction)
         arm.paint(variation.paint, variation.painted)
-        shown = GREY[:3] if self.floor and variation.floor is None else variation.floor
-        paint_floor(client, self._ground, None if shown is None else tuple(shown))
+        floor_drawn = self._paint_floor()
+        self.rig.use_sensors(variation.sensors, self._ground, variation.light, floor_drawn)
         client.removeState(self._start)
         client.restoreState(self._pristine)
         self._clutter.place(variation.clutter)
         self._start = client.saveState()
+
+    def _paint_floor(self) -> bool:
+        """Draw the floor, or not, as this episode has it; without a variation it is a background or not drawn."""
+        drawn = None if self.variation is None else self.variation.floor
+        if drawn is None and self.variation is not None and self.floor:
+            drawn = np.array(GREY[:3])
+        paint_floor(self._client, self._ground, None if drawn is None else drawn.tolist())
+        return drawn is not None
+
+    def draw_from(self, spec: CameraSpec, light: Light | None = None) -> Image:
+        """What a camera would see of the bodies as they stand, RGB, (height, width, 3), uint8.
+
+        Args:
+            spec: The camera.
+            light: Which light there is, with a floor for its shadow; None for the cameras' own, and their floor.
+        """
+        camera = Camera(spec, self._client)
+        if light is None:
+            return np.ascontiguousarray(camera.draw()[0][:, :, :3])
+        camera.aim(spec, light.options)
+        paint_floor(self._client, self._ground, SHOWROOM_FLOOR)
+        picture, _, bodies = camera.draw()
+        (mask,) = Shadow(self._client, light.direction, [spec]).masks(self._ground)
+        self._paint_floor()
+        shade = np.where(mask & (bodies == self._ground), 1.0 - light.shadow, 1.0)
+        return np.asarray(picture[:, :, :3] * shade[:, :, None], np.uint8)
 
     def place_arm(self, positions: Iterable[float]) -> bool:
         """Rest the arm at `positions` as if nothing had been before; return whether it is free there."""

@@ -61,7 +61,7 @@ def _degrees(name: str) -> Callable[[float], dict[str, Any]]:
 DISTURBANCES = (
     Disturbance("less ambient light", "light", "", (0.6, 0.4, 0.2), _of("ambient")),
     Disturbance("light from elsewhere", "light", "rad", (0.5, 1.0, 2.0), _of("light_angle", ambient=0.5)),
-    Disturbance("shadows", "light", "ambient", (0.75, 0.5, 0.25), _of("ambient", shadow=1.0)),
+    Disturbance("shadow on a floor", "light", "darkness", (0.2, 0.4, 0.7), _of("shadow", floor=1.0)),
     Disturbance("darker", "light", "exposure", (0.9, 0.7, 0.5), _of("exposure")),
     Disturbance("brighter", "light", "exposure", (1.1, 1.3, 1.6), _of("exposure")),
     Disturbance("colour cast", "light", "", (0.1, 0.2, 0.4), _of("colour_cast")),

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo.envs.composite import as_stack
-from sb3_stereo.envs.markers import Blobs, find_blobs
+from sb3_stereo.envs.markers import Blobs
 
 Image = NDArray[np.uint8]  # RGB, (height, width, 3)
 Colour = tuple[int, int, int]
 
 VIEW_HEIGHT, NETWORK_HEIGHT, LINE_HEIGHT, BORDER, BAR = 360, 252, 34, 12, 90  # [px]
+COLUMN_HEIGHT = 260  # [px], of a view beside the whole scene
 PAPER: Colour = (238, 238, 238)
+FAINT: Colour = (218, 218, 218)
 INK, PALE, WHITE, RED, BLUE, GREEN = (
     (40, 40, 40),
     (120, 120, 120),
@@ -27,11 +29,12 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 class View(NamedTuple):
-    """One camera's frame, RGB or RGBA, the markers in it, and what it is called."""
+    """One camera's frame, RGB or RGBA, the markers in it, what it is called, and its pixels per pixel of theirs."""
 
     name: str
     frame: Image
     blobs: Blobs
+    scale: float = 1.0
 
 
 class Effort(NamedTuple):
@@ -42,11 +45,21 @@ class Effort(NamedTuple):
     share: float
 
 
-def capture(env: Any) -> list[View]:
-    """What the cameras of a `StereoReachEnv`, wrapped or not, see now, and the markers as its reward finds them."""
+def capture(env: Any, height: int | None = None) -> list[View]:
+    """What the cameras of a `StereoReachEnv`, wrapped or not, see now, and the markers as its reward finds them.
+
+    Args:
+        env: The environment.
+        height: Draw the views anew in this height, in [px]; None shows the frames. Those of a randomised environment
+            are what its sensors make of the world, and are shown in any case.
+    """
     task = env.unwrapped
     names = [camera.spec.name for camera in task.cameras]
-    return [View(name, frame, find_blobs(frame)) for name, frame in zip(names, task.draw(), strict=True)]
+    frames, blobs = zip(*task.look(), strict=True)
+    if height is None or task.randomization is not None:
+        return [View(*view) for view in zip(names, frames, blobs, strict=True)]
+    scale = height / task.cameras[0].spec.height
+    return [View(*view, scale) for view in zip(names, task.draw_larger(height), blobs, strict=True)]
 
 
 class Caption(NamedTuple):
@@ -58,7 +71,9 @@ class Caption(NamedTuple):
     good: bool = True
 
 
-def scene(views: Sequence[View], observation: Any, caption: Caption, zoom: float = 1.0) -> Image:
+def scene(
+    views: Sequence[View], observation: Any, caption: Caption, zoom: float = 1.0, overview: Image | None = None
+) -> Image:
     """Put everything into one picture: the views above, the observation and the caption below.
 
     Args:
@@ -66,9 +81,11 @@ def scene(views: Sequence[View], observation: Any, caption: Caption, zoom: float
         observation: What the network sees, in any arrangement.
         caption: The rest.
         zoom: Shows the middle of the views this much larger.
+        overview: A picture of the whole scene, RGB, of the size `overview_size`; the views then are in a column.
     """
-    above = side_by_side(views, zoom)
-    below = _row([_titled("what the network sees", _squares(as_stack(observation)[0]))])
+    above = side_by_side(views, zoom) if overview is None else beside_overview(views, zoom, overview)
+    pixels = NETWORK_HEIGHT if overview is None else NETWORK_HEIGHT * 2 // 3
+    below = _row([_titled("network input", _squares(as_stack(observation)[0], pixels))])
     captions = _caption(caption, (below.shape[0], max(above.shape[1] - below.shape[1], 420)))
     rows = [above, np.hstack([below, captions])]
     width = max(row.shape[1] for row in rows)
@@ -82,15 +99,27 @@ def side_by_side(views: Sequence[View], zoom: float = 1.0) -> Image:
     return _row([_titled(view.name, annotated(view, zoom)) for view in views])
 
 
-def annotated(view: View, zoom: float = 1.0) -> Image:
-    """Enlarge a view and draw a ring around each blob, the line between them and its length in [px]."""
+def overview_size(views: Sequence[View]) -> tuple[int, int]:
+    """Height and width, in [px], of a picture as high as the column of views beside it."""
+    height = len(views) * (COLUMN_HEIGHT + LINE_HEIGHT) - LINE_HEIGHT
+    return height, height * 4 // 3
+
+
+def beside_overview(views: Sequence[View], zoom: float, overview: Image) -> Image:
+    """The whole scene on the left, and the views below each other on the right."""
+    column = np.vstack([_titled(view.name, annotated(view, zoom, COLUMN_HEIGHT)) for view in views])
+    return _row([_titled("scene", overview), column])
+
+
+def annotated(view: View, zoom: float = 1.0, shown_height: int = VIEW_HEIGHT) -> Image:
+    """Scale a view and draw a ring around each blob, the line between them and its length in [px]."""
     height, width = view.frame.shape[:2]
-    scale = VIEW_HEIGHT / height * zoom
+    scale = shown_height / height * zoom
     hidden = np.array([width, height]) * scale * (1 - 1 / zoom) / 2  # left and above of what is shown
-    size = round(width * scale / zoom), VIEW_HEIGHT
+    size = round(width * scale / zoom), shown_height
     shift = np.array([[scale, 0, (scale - 1) / 2 - hidden[0]], [0, scale, (scale - 1) / 2 - hidden[1]]])
     picture = cv2.warpAffine(view.frame[:, :, :3], shift, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    points = [np.rint(shift @ [*centroid, 1]) for centroid in view.blobs]
+    points = [np.rint(shift @ [*((centroid + 0.5) * view.scale - 0.5), 1]) for centroid in view.blobs]
     if not np.isnan(points).any():
         first, second = (point.astype(int).tolist() for point in points)
         cv2.line(picture, first, second, INK, 1, cv2.LINE_AA)
@@ -105,9 +134,9 @@ def annotated(view: View, zoom: float = 1.0) -> Image:
     return np.asarray(picture, np.uint8)
 
 
-def _squares(luminance: Image) -> Image:
+def _squares(luminance: Image, shown_height: int) -> Image:
     """Show every pixel of a grey image (height, width) as a square."""
-    factor = max(1, NETWORK_HEIGHT // luminance.shape[0])
+    factor = max(1, shown_height // luminance.shape[0])
     return np.repeat(np.kron(luminance, np.ones((factor, factor), np.uint8))[:, :, None], 3, axis=2)
 
 
@@ -134,6 +163,7 @@ def _caption(caption: Caption, size: tuple[int, int]) -> Image:
     for row, effort in enumerate(caption.efforts):
         y = LINE_HEIGHT + 18 + 28 * row
         end = middle + round(BAR * effort.share)
+        cv2.rectangle(paper, (middle - BAR, y - 14), (middle + BAR, y), FAINT, cv2.FILLED)  # as far as the limits
         cv2.rectangle(paper, (min(middle, end), y - 14), (max(middle, end), y), PALE, cv2.FILLED)
         cv2.line(paper, (middle, y - 18), (middle, y + 4), INK, 1)
         _write(paper, effort.joint, (middle - BAR - 40, y), PALE, 0.5)

@@ -1,6 +1,7 @@
 """Videos of an agent: both views, the measured distances and the network's image, as .mp4 or .gif."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as pillow
 
+from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.wrappers import WatchedPulses
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.viz.drawing import GREEN, Caption, Effort, capture, scene
+from sb3_stereo.viz.drawing import COLUMN_HEIGHT, GREEN, Caption, Effort, capture, overview_size, scene
 
 Image = NDArray[np.uint8]
 
@@ -21,6 +23,10 @@ FORMATS = (".gif", ".mp4")
 N_PARTS = 6  # pictures of a pulse, which lasts half a second
 PAUSE, END = 4, 15  # pictures for which a step's result and an episode's end stand still
 GIF_COLOURS, GIF_SCALE = 48, 0.8
+
+
+# Beside the cameras, nearer and a little higher, so that floor and shadow show how far the hand is from the target.
+OVERVIEW = CameraSpec("scene", (2.5, -1.25, 1.45), (0.15, 0.0, 0.55), horizontal_fov=0.7, near=0.5, far=8.0)
 
 
 class Writer(Protocol):
@@ -52,28 +58,39 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
         """Begin an episode."""
         self.observation, info = self.env.reset(**kwargs)
         self.steps, self.efforts = 0, []
-        self._picture(["start"], n=PAUSE)
+        self._reward = 0.0
+        self._picture(n=PAUSE)
         return self.observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Film a pulse and its result."""
         self.steps += 1
         self.observation, reward, terminated, truncated, info = self.env.step(action)
-        distance = float(np.mean(info["pixel_distances"]))
-        lines = [f"step {self.steps}", f"reward {reward:+.2f}", f"mean distance {distance:.1f} px"]
+        self._reward += float(reward)
         verdict = "reached" if info["is_success"] else "not reached" if truncated else ""
-        self._picture(lines, verdict, info["is_success"], END if terminated or truncated else PAUSE)
+        self._picture(verdict, info["is_success"], END if terminated or truncated else PAUSE)
         return self.observation, reward, terminated, truncated, info
 
     def _film(self, efforts: Sequence[float]) -> None:
         env: Any = self.unwrapped
         shares = np.divide(efforts, env.effort_limits)
         self.efforts = [Effort(*known) for known in zip(env.arm.spec.joints, efforts, shares, strict=True)]
-        self._picture([f"step {self.steps}"])
+        self._picture()
 
-    def _picture(self, lines: Sequence[str], verdict: str = "", good: bool = True, n: int = 1) -> None:
+    def _picture(self, verdict: str = "", good: bool = True, n: int = 1) -> None:
+        env: Any = self.unwrapped
+        views = capture(self, round(COLUMN_HEIGHT * self.zoom))
+        distance = env.success_distances(np.array([view.blobs.offset for view in views])).mean()
+        lines = [
+            f"step {self.steps}" if self.steps else "start",
+            f"reward so far {self._reward:+.2f}",
+            f"distance {distance:.1f} px" if np.isfinite(distance) else "a marker is hidden",
+            f"reached at {env.rho:g} px",
+        ]
+        height, width = overview_size(views)
+        overview = env.draw_from(replace(OVERVIEW, width=width, height=height))
         caption = Caption(lines, self.efforts, verdict, good)
-        self.writer.write(scene(capture(self), self.observation, caption, self.zoom), n)
+        self.writer.write(scene(views, self.observation, caption, self.zoom, overview), n)
 
 
 class Mp4:

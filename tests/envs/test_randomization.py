@@ -22,6 +22,7 @@ ACTIONS = np.random.default_rng(5).uniform(-1, 1, (4, 4))
 EVERYTHING: dict[str, Any] = {
     "ambient": [0.4, 0.9],
     "light_angle": [0.0, 1.0],
+    "shadow": [0.2, 0.6],
     "exposure": [0.7, 1.2],
     "colour_cast": 0.1,
     "noise": [1, 10],
@@ -294,6 +295,25 @@ def test_a_floor_pattern_lies_on_the_floor() -> None:
         assert inside.all()
         brightness.append(pattern[y, x])
     assert np.corrcoef(*brightness)[0, 1] > 0.7  # but for pixels at the edge of a tile
+
+
+def test_a_shadow_falls_where_the_light_does_not_reach() -> None:
+    """The target's, which is a ball in the air: its middle along the light to the floor."""
+    target, light = np.array([0.6, 0.5, 0.5]), np.array([1.0, 0.0, 2.0])
+    options = {"joint_positions": [0.0, 0.0, 0.0, 0.0], "target_position": target}
+    env, plain = make({"shadow": 0.5, "floor": 1.0}), make({"floor": 1.0})
+    frames = []
+    for one in (env, plain):
+        one.reset(seed=0, options=options)
+        frames.append([frame[:, :, 0].astype(float) for frame in one._captured.frames])
+    for view, shaded, bright in zip(env.cameras, *frames, strict=True):
+        column, row = np.rint(view.spec.project(target - light * target[2] / light[2])).astype(int)
+        dark = shaded < 0.6 * bright
+        assert dark[row, column] and not dark[row - 6, column] and not dark[row, column + 14]
+        assert 50 < dark.sum() < 6000
+    assert_array_equal(env._captured.offsets, plain._captured.offsets)
+    env.close()
+    plain.close()
 
 
 def test_pictures_differ_and_are_no_flat_grey() -> None:

@@ -1,6 +1,7 @@
 """Films: the step stays the same, the picture shows what is there, the file can be played."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from tiny_training import QUICK, TINY
 from sb3_stereo.commands import enjoy
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.envs.markers import Blobs, find_blobs
+from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.wrappers import QuantizedActions, WatchedPulses
 from sb3_stereo.errors import ConfigError
-from sb3_stereo.viz.drawing import GREEN, RED, Caption, Effort, View, annotated, scene
-from sb3_stereo.viz.film import END, N_PARTS, PAUSE, Filmed, make_writer
+from sb3_stereo.viz.drawing import GREEN, RED, Caption, Effort, View, annotated, capture, scene
+from sb3_stereo.viz.film import END, N_PARTS, OVERVIEW, PAUSE, Filmed, make_writer
 
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (3, 4)).astype(np.float32)
 
@@ -132,6 +134,42 @@ def test_a_discrete_agents_film_shows_its_efforts() -> None:
         ("J3", 0, 0),
         ("J4", 5, 1),
     ]
+
+
+@pytest.mark.parametrize("kwargs", [{}, {"floor": True}, {"randomize": {"floor": 1.0, "shadow": 0.4}}])
+def test_a_picture_of_the_whole_scene_leaves_it_as_it_is(kwargs: dict[str, Any]) -> None:
+    env, other = (StereoReachEnv(**kwargs) for _ in range(2))
+    env.reset(seed=1)
+    other.reset(seed=1)
+    size = {"width": 200, "height": 150}
+    picture = env.draw_from(replace(OVERVIEW, **size))
+    assert picture.shape == (150, 200, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20  # floor, shadow, arm and markers
+    for action in ACTIONS:
+        np.testing.assert_array_equal(env.step(action)[0], other.step(action)[0])
+        env.draw_from(replace(OVERVIEW, **size))
+        for height in (120, 300):
+            assert all(frame.shape[:2] == (height, height * 4 // 3) for frame in env.draw_larger(height))
+    env.close()
+    other.close()
+
+
+def test_a_film_measures_the_markers_as_the_reward_does() -> None:
+    env = StereoReachEnv(framing="close", markers="hollow")
+    _, info = env.reset(seed=2)
+    for height in (None, 300):
+        offsets = [view.blobs.offset for view in capture(env, height)]
+        np.testing.assert_allclose(offsets, info["pixel_offsets"])
+    env.close()
+
+
+def test_rings_are_around_the_markers_of_a_larger_picture_too() -> None:
+    env = StereoReachEnv(framing="close", markers="hollow")
+    env.reset(seed=2)
+    small, large = (annotated(capture(env, height)[0], shown_height=480) for height in (240, 480))
+    rings = [np.argwhere((picture == (190, 0, 0)).all(axis=2)).mean(axis=0) for picture in (small, large)]
+    np.testing.assert_allclose(*rings, atol=1.0)
+    env.close()
 
 
 @pytest.mark.parametrize("zoom", [1.0, 1.6])
