@@ -22,6 +22,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", type=path, default="curves.png", metavar="FILE", help="output image (default: curves.png)"
     )
+    parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the curves, in their order")
     return parser
 
 
@@ -34,11 +35,15 @@ def plot_command(args: argparse.Namespace) -> int:
     if not runs:
         raise ConfigError("; ".join(left_out))
     groups = group_runs(runs)
+    if args.labels and len(args.labels) != len(groups):
+        found = ", ".join(f"'{group.label}'" for group in groups)
+        raise ConfigError(f"{len(args.labels)} --labels for {len(groups)} curves, which are {found}; give one each")
+    names = args.labels or [group.label for group in groups]
     try:
-        draw(groups, file)
+        draw(groups, file, names)
     except ModuleNotFoundError as error:
         raise ConfigError(f'drawing needs {error.name}; install it with: pip install "sb3_stereo[plots]"') from error
-    print(f"Drew {', '.join(group.label for group in groups)} into {file}")
+    print(f"Drew {', '.join(names)} into {file}")
     for reason in left_out:
         print(f"left out: {reason}", file=sys.stderr)
     return 0

@@ -17,12 +17,19 @@ Floats = NDArray[np.float64]
 
 
 PANELS = {
-    "success_rate": "reached",
+    "success_rate": "reached [%]",
     "mean_steps_success": "episode length (successes)",
     "mean_return": "return",
     "mean_q": "Q",
     "mean_action": "|a|",
 }
+
+
+# The same in every figure; further curves of an algorithm are lighter.
+COLOURS = {"ddpg": "C0", "dqn": "C1", "td3": "C2", "sac": "C3", "ppo": "C4", "tqc": "C5", "crossq": "C6"}
+LIGHTER = (1.0, 0.6, 0.35)  # opacity
+MAX_LABEL = 40  # characters of one value
+NAMES = ("name", "urdf")  # fields by which a map is called
 
 
 class Curves(NamedTuple):
@@ -73,7 +80,29 @@ def label(settings: Mapping[str, Any], everything: Sequence[Mapping[str, Any]]) 
     """The algorithm, and the settings that are not the same in all groups."""
     keys = sorted({key for other in everything for key in other} - {"algo"})
     differing = [key for key in keys if any(other.get(key) != everything[0].get(key) for other in everything)]
-    return ", ".join([str(settings["algo"]), *(f"{key.rpartition('.')[2]} {settings.get(key)}" for key in differing)])
+    parts = dict(_part(key, settings, differing) for key in differing)
+    return ", ".join([str(settings["algo"]), *(f"{name} {value}" for name, value in parts.items())])
+
+
+def _part(key: str, settings: Mapping[str, Any], differing: Sequence[str]) -> tuple[str, str]:
+    """How a label says one setting; a map of which several fields differ is said once, by its name."""
+    parent, _, field = key.rpartition(".")
+    fields = {other.removeprefix(f"{parent}.") for other in differing if other.startswith(f"{parent}.")}
+    known = next((name for name in NAMES if f"{parent}.{name}" in settings), None)
+    if len(fields) > 1 and fields & set(NAMES):
+        return parent.rpartition(".")[2], short(settings[f"{parent}.{known}"]) if known else "default"
+    return field, short(settings[key]) if key in settings else "default"
+
+
+def short(value: Any) -> str:
+    """Say a value in a few characters: cameras by their names, a file by its stem, others cut off."""
+    if isinstance(value, Mapping):
+        name = next((value[name] for name in NAMES if name in value), None)
+        return f"{len(value)} fields" if name is None else short(name)
+    if isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value):
+        return "+".join(map(short, value))
+    text = Path(value).stem if isinstance(value, str) and value.endswith((".urdf", ".yml")) else str(value)
+    return text if len(text) <= MAX_LABEL else f"{text[: MAX_LABEL - 1]}…"
 
 
 def _curves(name: str, runs: Sequence[Path]) -> list[Curves]:
@@ -86,11 +115,21 @@ def _curves(name: str, runs: Sequence[Path]) -> list[Curves]:
         column: np.array([[by_step[step].get(column, np.nan) for step in timesteps] for by_step in scores])
         for column in PANELS
     }
+    columns["success_rate"] = 100 * columns["success_rate"]
     return [Curves(f"{name} ({len(runs)} run{'s' * (len(runs) > 1)})", np.array(timesteps), columns)]
 
 
-def draw(groups: Sequence[Curves], file: Path) -> None:
-    """Draw a panel per score that is known: the mean over runs and its 95 % bootstrap interval."""
+def draw(groups: Sequence[Curves], file: Path, names: Sequence[str] | None = None) -> None:
+    """Draw a panel per score that is known: the mean over runs and its 95 % bootstrap interval.
+
+    Args:
+        groups: The curves.
+        file: Where the picture goes.
+        names: What the curves are called; None takes their labels.
+
+    Raises:
+        ConfigError: If the picture cannot be written.
+    """
     import matplotlib
 
     matplotlib.use("Agg")
@@ -98,13 +137,14 @@ def draw(groups: Sequence[Curves], file: Path) -> None:
 
     known = [c for c in PANELS if c == "success_rate" or any(np.isfinite(group.scores[c]).any() for group in groups)]
     figure, axes = plt.subplots(1, len(known), figsize=(4 * len(known), 3.6), layout="constrained", squeeze=False)
+    looks = _looks(groups)
     for column, panel in zip(known, axes[0], strict=True):
-        for group in groups:
-            _draw_curve(panel, group, column)
+        for group, look in zip(groups, looks, strict=True):
+            _draw_curve(panel, group, column, look)
         panel.set(title=PANELS[column], xlabel="environment steps")
         panel.grid(alpha=0.3)
-    axes[0, 0].set(ylim=(-0.03, 1.03))
-    labels = [textwrap.fill(group.label, 28 * len(known)) for group in groups]
+    axes[0, 0].set(ylim=(-3, 103))
+    labels = [textwrap.fill(name, 28 * len(known)) for name in names or [group.label for group in groups]]
     figure.legend(axes[0, 0].get_lines(), labels, loc="outside lower left", fontsize="small")
     try:
         figure.savefig(file, dpi=120)
@@ -114,13 +154,27 @@ def draw(groups: Sequence[Curves], file: Path) -> None:
         plt.close(figure)
 
 
-def _draw_curve(panel: Any, group: Curves, column: str) -> None:
+def _looks(groups: Sequence[Curves]) -> list[dict[str, Any]]:
+    """Colour and opacity of every curve: the colour is the algorithm's."""
+    algos = [group.label.partition(" ")[0].rstrip(",") for group in groups]
+    others = (f"C{number}" for number in range(7, 10))
+    colours = {algo: COLOURS.get(algo) or next(others, "C9") for algo in dict.fromkeys(algos)}
+    return [
+        {"color": colours[algo], "alpha": LIGHTER[algos[:number].count(algo) % len(LIGHTER)]}
+        for number, algo in enumerate(algos)
+    ]
+
+
+def _draw_curve(panel: Any, group: Curves, column: str, look: Mapping[str, Any]) -> None:
     values = group.scores[column]
     shown = np.isfinite(values).any(axis=0)  # e.g. no steps before the first success
     steps, known = group.timesteps[shown], [row[np.isfinite(row)] for row in values[:, shown].T]
-    (curve,) = panel.plot(steps, [row.mean() for row in known], marker="o", markersize=3)
+    panel.plot(steps, [row.mean() for row in known], "o-" if len(steps) > 1 else "s", markersize=4, **look)
     if len(values) > 1 and known:
         from sb3_stereo.evaluation.intervals import interval
 
         low, high = np.transpose([interval(row) for row in known])
-        panel.fill_between(steps, low, high, alpha=0.2, color=curve.get_color())
+        if len(steps) > 1:
+            panel.fill_between(steps, low, high, alpha=0.2 * look["alpha"], color=look["color"])
+        else:  # a single score is no curve
+            panel.vlines(steps, low, high, **look)

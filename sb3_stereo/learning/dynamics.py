@@ -123,13 +123,19 @@ class DynamicsMixin(OffPolicyMixin):
         if self.augmentation is None:
             return samples
         augmentation, buffer = ImageAugmentation.of(self.augmentation), self.replay_buffer
-        rng = np.random.default_rng(np.random.randint(2**31))
-        images = th.cat([samples.observations, samples.next_observations])
-        share = augmentation.share_at(self.num_timesteps)
-        layout = Layout(buffer.n_views, buffer.views_in_channels, buffer.marker_map)
-        changed = th.from_numpy(augmentation.change_some(images.cpu().numpy(), share, layout, rng)).to(images.device)
-        observations, next_observations = changed.chunk(2)
-        return samples._replace(observations=observations, next_observations=next_observations)
+        images = th.stack([samples.observations, samples.next_observations]).cpu().numpy()
+        changed, offsets = augmentation.change_some(
+            images,
+            samples.next_offsets.cpu().numpy(),
+            augmentation.share_at(self.num_timesteps),
+            Layout(buffer.n_views, buffer.views_in_channels, buffer.marker_map),
+            np.random.default_rng(np.random.randint(2**31)),
+        )
+        observations, next_observations = th.from_numpy(changed).to(samples.observations.device)
+        next_offsets = th.from_numpy(offsets).to(samples.next_offsets.device)
+        return samples._replace(
+            observations=observations, next_observations=next_observations, next_offsets=next_offsets
+        )
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         state_dicts, variables = super()._get_torch_save_params()

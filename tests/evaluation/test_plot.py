@@ -28,12 +28,58 @@ def test_runs_that_differ_in_their_seed_share_a_curve_at_their_common_steps(tmp_
     runs = [make_run(tmp_path, {10: 0.25, 20: 0.5}, seed=1), make_run(tmp_path, {5: 0.0, 10: 0.75}, seed=2)]
     (group,) = curves.group_runs(runs)
     assert group.label == "ddpg (2 runs)" and group.timesteps.tolist() == [10]
-    np.testing.assert_array_equal(group.scores["success_rate"], [[0.25], [0.75]])
+    np.testing.assert_array_equal(group.scores["success_rate"], [[25.0], [75.0]])
 
 
 def test_other_settings_are_another_curve_named_after_them(tmp_path: Path) -> None:
     runs = [make_run(tmp_path, {10: 0.5}, gamma=gamma) for gamma in (0.5, 0.9, 0.5)]
     assert [group.label for group in curves.group_runs(runs)] == ["ddpg, gamma 0.5 (2 runs)", "ddpg, gamma 0.9 (1 run)"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.5, "0.5"),
+        ({"urdf": "arms/my_arm.urdf", "joints": ["a", "b"]}, "my_arm"),
+        ([{"name": "left", "position": [1, 2, 3]}, "right", {"name": "top"}], "left+right+top"),
+        ({"a": 1, "b": 2}, "2 fields"),
+        ("x" * 60, "x" * 39 + "…"),
+    ],
+)
+def test_long_values_are_said_shortly(value: object, text: str) -> None:
+    assert curves.short(value) == text
+
+
+def test_maps_of_which_several_fields_differ_are_said_once() -> None:
+    one = {"algo": "ddpg", "env_kwargs.arm.urdf": "kuka_iiwa/model.urdf", "env_kwargs.arm.damping": [1, 2]}
+    other = {"algo": "ddpg", "env_kwargs.arm.urdf": "franka.urdf", "env_kwargs.arm.damping": [3]}
+    assert [curves.label(settings, [one, other, {"algo": "ddpg"}]) for settings in (one, other, {"algo": "ddpg"})] == [
+        "ddpg, arm model",
+        "ddpg, arm franka",
+        "ddpg, arm default",
+    ]
+
+
+def test_curves_can_be_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = [str(make_run(tmp_path, {10: 0.5}, gamma=gamma)) for gamma in (0.5, 0.9)]
+    file = str(tmp_path / "curves.png")
+    assert plot.main([*runs, "-o", file, "--labels", "ours", "theirs"]) == 0
+    assert capsys.readouterr().out == f"Drew ours, theirs into {file}\n"
+    assert plot.main([*runs, "-o", file, "--labels", "ours"]) == 2
+    assert capsys.readouterr().err == (
+        "error: 1 --labels for 2 curves, which are 'ddpg, gamma 0.5 (1 run)', 'ddpg, gamma 0.9 (1 run)'; "
+        "give one each\n"
+    )
+
+
+def test_an_algorithm_has_its_colour_whatever_stands_beside_it() -> None:
+    empty = np.array([0]), {}
+    groups = [
+        curves.Curves(name, *empty) for name in ("dqn (1 run)", "ddpg, gamma 0.5 (1 run)", "ddpg, gamma 0.9 (1 run)")
+    ]
+    colours = [look["color"] for look in curves._looks(groups)]
+    assert colours == [curves.COLOURS["dqn"], curves.COLOURS["ddpg"], curves.COLOURS["ddpg"]]
+    assert curves._looks(groups)[1] != curves._looks(groups)[2]
 
 
 @pytest.mark.parametrize("suffix", plot.FORMATS)

@@ -185,6 +185,32 @@ def test_the_encoder_learns_where_the_hand_is(monkeypatch: pytest.MonkeyPatch) -
 # --- the order of a training
 
 
+def test_augmentation_changes_what_the_encoder_sees_from_its_first_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[DynamicsSamples] = []
+    update = DynamicsHeads.update
+    monkeypatch.setattr(
+        DynamicsHeads,
+        "update",
+        lambda self, encoder, samples: (seen.append(samples), update(self, encoder, samples))[1],
+    )
+    model = ddpg(augmentation={"begin": 40, "share": 1.0, "zoom": 0.5}, dynamics_steps=1)
+    stored: list[DynamicsSamples] = []
+    sample = StereoReplayBuffer.sample_dynamics
+    monkeypatch.setattr(
+        StereoReplayBuffer,
+        "sample_dynamics",
+        lambda self, batch_size: (stored.append(sample(self, batch_size)), stored[-1])[1],
+    )
+    model.learn(50)
+    same_images = [th.equal(one.observations, other.observations) for one, other in zip(seen, stored, strict=True)]
+    same_offsets = [
+        np.array_equal(one.next_offsets, other.next_offsets, equal_nan=True)
+        for one, other in zip(seen, stored, strict=True)
+    ]
+    assert same_images == same_offsets == [True] * 9 + [False] * 11
+    assert all(th.equal(one.actions, other.actions) for one, other in zip(seen, stored, strict=True))
+
+
 def test_pretraining_comes_once_the_encoder_first(monkeypatch: pytest.MonkeyPatch) -> None:
     model = ddpg(pretraining={"agent": 0.5, "dynamics": 2}, dynamics_steps=3, gradient_steps=2)
     calls: list[tuple[int, str, int]] = []
@@ -309,6 +335,7 @@ def test_the_replay_buffer_asks_for_the_mirror() -> None:
             "ReplayBuffer; leave replay_buffer_class out",
         ),
         ({"dynamics_steps": -1}, "dynamics_steps must not be negative, got -1"),
+        ({"augmentation": {"share": 2}}, "augmentation: share is 2; give a number from 0 to 1"),
         ({"pretraining": {"encoder": 1}}, "unknown pretraining 'encoder'; choices are dynamics, agent"),
         ({"pretraining": {"agent": -1}}, "pretraining: agent must be a number that is not negative, got -1"),
         (

@@ -135,6 +135,19 @@ def test_other_learners_are_resumed_with_their_state_dependent_exploration_too(a
     assert_nothing_happened(logs, config(algo, 2, use_sde=True), [21, 45])
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"augmentation": {"begin": 10, "end": 30}},
+        {"augmentation": {}, "env_kwargs": {"randomize": "default", "composite": "markers", "max_episode_steps": 7}},
+    ],
+    ids=["growing", "in random worlds"],
+)
+def test_augmented_images_and_random_worlds_are_resumed(changes: dict[str, Any], logs: Path) -> None:
+    env_id = DEFAULT_ENV if "env_kwargs" in changes else fake_reach.ENV_ID
+    assert_nothing_happened(logs, config("ddpg", 1, env_id=env_id, **changes), [21, 45])
+
+
 GOALS = {"policy_kwargs": {"net_arch": [8]}, "policy": "MultiInputPolicy"}
 
 
