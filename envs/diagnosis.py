@@ -1,8 +1,9 @@
 """Checks of an environment before training: joint motion, collisions, visibility, and how rare success is."""
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from sb3_stereo.envs.mirror import mirrors
 from sb3_stereo.envs.reach import StereoReachEnv
 
 Floats = NDArray[np.float64]
+
+Item = TypeVar("Item")
+Progress = Callable[[str, int, int], object]
 
 FAR = 8.0  # [px]
 
@@ -56,7 +60,13 @@ class Diagnosis:
     mirror_error: float
 
 
-def diagnose(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed: int = 0) -> Diagnosis:
+def diagnose(
+    env: StereoReachEnv,
+    n_poses: int = 500,
+    n_steps: int = 1000,
+    seed: int = 0,
+    progress: Progress = lambda phase, done, total: None,
+) -> Diagnosis:
     """Measure an environment.
 
     Args:
@@ -64,6 +74,7 @@ def diagnose(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed:
         n_poses: Random poses.
         n_steps: Steps of the random agent, in episodes of at most 30.
         seed: Of everything random.
+        progress: Called with a phase's name, how much of it is done, and how much there is.
 
     Raises:
         ValueError: If no pose is free.
@@ -75,25 +86,33 @@ def diagnose(env: StereoReachEnv, n_poses: int = 500, n_steps: int = 1000, seed:
     free = [pose for pose, pairs in zip(poses, contacts, strict=True) if not pairs]
     if not free:
         raise ValueError(always_colliding(contacts))
-    views = [env.reset(options={"joint_positions": pose})[1] for pose in free]
+    shown = _counted(free, "looking at poses", progress)
+    views = [env.reset(options={"joint_positions": pose})[1] for pose in shown]
     seen = np.array([~np.isnan(info["pixel_distances"]) for info in views])
     mirrored = _mirrored_joints(env, poses[:5])
     return Diagnosis(
         joints=env.arm.spec.joints,
         sliding=env.arm.joints.sliding,
         limits=env.arm.limits,
-        travel=_travel(env, free[:20]),
+        travel=_travel(env, free[:20], progress),
         without_shapes=tuple(env.arm.without_shapes()),
         solid=env.arm.solid,
         free=len(free) / n_poses,
         collisions=tuple(shares(contacts)),
         goals=float(np.mean([info["is_success"] for info in views])),
-        random_steps=_random_steps(env, n_steps, seed),
+        random_steps=_random_steps(env, n_steps, seed, progress),
         seen=(float(seen.all(axis=1).mean()), float(seen.any(axis=1).mean())),
         misplaced=float(np.mean([_misplaced(env, info) for info in views])),
         mirrored_joints=mirrored,
         mirror_error=float("nan") if mirrored is None else _mirror_error(env, mirrored, free[:50]),
     )
+
+
+def _counted(items: Sequence[Item], phase: str, progress: Progress) -> Iterator[Item]:
+    """The items, and tell after each how far it is."""
+    for done, item in enumerate(items, start=1):
+        yield item
+        progress(phase, done, len(items))
 
 
 def _misplaced(env: StereoReachEnv, info: dict[str, Any]) -> float:
@@ -103,11 +122,12 @@ def _misplaced(env: StereoReachEnv, info: dict[str, Any]) -> float:
     return float(np.mean(errors[~np.isnan(errors)] > FAR)) if not np.isnan(errors).all() else 0.0
 
 
-def _travel(env: StereoReachEnv, poses: list[Floats]) -> Floats:
+def _travel(env: StereoReachEnv, poses: list[Floats], progress: Progress) -> Floats:
     """Push every joint alone, towards the middle of its range."""
     middle = env.arm.limits.mean(axis=1)
     moved = np.zeros((len(poses), len(middle)))
-    for (row, pose), joint in product(enumerate(poses), range(len(middle))):
+    trials = list(product(enumerate(poses), range(len(middle))))
+    for (row, pose), joint in _counted(trials, "moving joints", progress):
         env.reset(options={"joint_positions": pose})
         action = np.zeros(len(middle))
         action[joint] = 1.0 if pose[joint] < middle[joint] else -1.0
@@ -116,9 +136,9 @@ def _travel(env: StereoReachEnv, poses: list[Floats]) -> Floats:
     return np.asarray(np.median(moved, axis=0))
 
 
-def _random_steps(env: StereoReachEnv, n_steps: int, seed: int) -> float:
+def _random_steps(env: StereoReachEnv, n_steps: int, seed: int, progress: Progress) -> float:
     rng, goals, steps = np.random.default_rng(seed), 0, 30
-    for _ in range(n_steps):
+    for _ in _counted(range(n_steps), "random agent", progress):
         if steps == 30:
             env.reset(seed=int(rng.integers(2**31)))
             steps = 0

@@ -6,8 +6,10 @@ from typing import Any
 
 from sb3_stereo.commands.flags import Parser, at_least, path, run_command
 from sb3_stereo.config.schema import DEFAULT_ENV
-from sb3_stereo.console import command_line
+from sb3_stereo.console import Bar, command_line
 from sb3_stereo.errors import ConfigError, setting_up
+
+LINE_INTERVAL = 5.0  # [s] between two lines where there is no terminal
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -46,9 +48,35 @@ def check_command(args: argparse.Namespace) -> int:
             raise ConfigError(f"{args.env} has no arm and cameras to measure; take {DEFAULT_ENV} and --env-kwargs")
         if args.output:  # first, as it helps to understand what the measurements refuse
             save_frame(env, args.output)
-        print(describe(diagnose(env, args.poses, args.steps, args.seed)))
+        phases = Phases()
+        try:
+            found = diagnose(env, args.poses, args.steps, args.seed, phases.update)
+        finally:
+            phases.close()
+        print(describe(found))
     env.close()
     return 0
+
+
+class Phases:
+    """A bar for each phase, one after the other."""
+
+    def __init__(self) -> None:
+        self._bar: Bar | None = None
+
+    def update(self, phase: str, done: int, total: int) -> None:
+        """Show how far a phase is; the first call of a phase begins it."""
+        if self._bar is None:
+            self._bar = Bar(total, "step", interval=LINE_INTERVAL)
+        self._bar.update(done, phase)
+        if done == total:
+            self.close()
+
+    def close(self) -> None:
+        """End the phase that is shown, if there is one."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
 
 
 def save_frame(env: Any, path: str) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sb3_stereo.commands.flags import Parser, add_process_flags, run_command
-from sb3_stereo.console import command_line
+from sb3_stereo.console import command_line, print_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.tuning.cluster import add_cluster_flags, check_cluster_flags, connected
 
@@ -58,6 +58,8 @@ def check_flags(args: argparse.Namespace, sweep: "Sweep") -> None:
 
 def run_sweep(args: argparse.Namespace, sweep: "Sweep", folder: Path) -> list[str]:
     """Run what is missing of a sweep, and return what failed."""
+    if args.verbose:
+        print_line("Starting Ray; the first scores come with the trials' first evaluations")
     with connected(args.address):
         from sb3_stereo.tuning.search import Job, fit_sweep
 

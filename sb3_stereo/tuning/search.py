@@ -131,7 +131,7 @@ def fit_sweep(job: Job, workers: int, verbose: int = 1) -> list[str]:
         return fit_listed(job.listed(), folder, workers, sweep.retries, job.ended, sweep.resources, metric, verbose)
     chosen = {**metric, **bayes_arguments(sweep, job.folder), "max_concurrent_trials": workers or None}
     watch = Watch(job.training, job.ended, verbose)
-    return fit(watch, {}, chosen, folder, sweep.resources, sweep.retries)
+    return fit(watch, {}, chosen, folder, sweep.resources, sweep.retries, chosen["num_samples"])
 
 
 def bayes_arguments(sweep: Sweep, folder: Path) -> dict[str, Any]:

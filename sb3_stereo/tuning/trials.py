@@ -26,6 +26,7 @@ from sb3_stereo.runs.status import has_ended
 from sb3_stereo.training import Options, resume, train
 from sb3_stereo.tuning.cluster import check_resources
 from sb3_stereo.tuning.config import Metric, Resources
+from sb3_stereo.tuning.progress import Progress
 from sb3_stereo.tuning.records import defined, find_trial, scores, state
 from sb3_stereo.tuning.stopping import SCORES, STEPS
 
@@ -162,6 +163,7 @@ def fit(
     folder: Path,
     resources: Resources,
     retries: int,
+    n_trials: int,
 ) -> list[str]:
     """Run trials on the Ray that is connected, and return what failed.
 
@@ -172,6 +174,7 @@ def fit(
         folder: For what Tune writes, e.g. the errors of failed trials; emptied first.
         resources: What a trial occupies.
         retries: How often a trial that fails is tried again.
+        n_trials: How many there will be, for the progress.
     """
     check_resources(resources)
     shutil.rmtree(folder, ignore_errors=True)
@@ -184,7 +187,7 @@ def fit(
             name=folder.name,
             storage_path=str(folder.parent),
             failure_config=tune.FailureConfig(max_failures=retries),
-            callbacks=[watch],
+            callbacks=[watch, *([Progress(watch.make_training, n_trials)] if watch.verbose else [])],
             verbose=0,
         ),
     ).fit()
@@ -216,7 +219,7 @@ def fit_listed(
     watch = Watch(partial(_listed, runs), on_end, verbose)
     param_space = {INDEX: tune.grid_search(list(range(len(runs))))}
     chosen = {"search_alg": BasicVariantGenerator(max_concurrent=workers), **(tune_config or {})}
-    return fit(watch, param_space, chosen, folder, resources or Resources(), retries)
+    return fit(watch, param_space, chosen, folder, resources or Resources(), retries, len(runs))
 
 
 def _listed(runs: Sequence[Training], suggestion: Mapping[str, Any]) -> Training:

@@ -130,7 +130,12 @@ def test_mirrored_cameras_are_recognised() -> None:
 
 def test_a_diagnosis_measures_the_wam() -> None:
     env = StereoReachEnv()
-    result = diagnose(env, n_poses=60, n_steps=30)
+    phases: dict[str, list[int]] = {}
+    result = diagnose(
+        env, n_poses=60, n_steps=30, progress=lambda phase, done, total: phases.setdefault(phase, [total]).append(done)
+    )
+    assert list(phases) == ["looking at poses", "moving joints", "random agent"]
+    assert all(done == list(range(1, total + 1)) for total, *done in phases.values())
     assert result.joints == ("J1", "J2", "J3", "J4") and result.mirrored_joints == ("J1", "J3")
     assert result.mirror_error < 0.1 and result.misplaced == 0.0
     assert 0.7 < result.free < 1.0 and 0.8 < result.seen[0] <= result.seen[1]
