@@ -33,6 +33,7 @@ _LAZY = {
     "StereoPPOPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoSACPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoTQCPolicy": "sb3_stereo.policies.contrib",
+    "film": "sb3_stereo.viz.film",
     "load_pretrained": "sb3_stereo.runs.pretrained",
     "WarmUp": "sb3_stereo.learning.callbacks",
 }

@@ -29,6 +29,13 @@ GIF_COLOURS, GIF_SCALE = 48, 0.8
 OVERVIEW = CameraSpec("scene", (2.5, -1.25, 1.45), (0.15, 0.0, 0.55), horizontal_fov=0.7, near=0.5, far=8.0)
 
 
+class Predictor(Protocol):
+    """Acts, as every model of Stable-Baselines3."""
+
+    def predict(self, observation: Any, *, deterministic: bool) -> tuple[Any, Any]:
+        """Return the action for an observation, and a state."""
+
+
 class Writer(Protocol):
     """Takes pictures one by one."""
 
@@ -91,6 +98,41 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
         overview = env.draw_from(replace(OVERVIEW, width=width, height=height))
         caption = Caption(lines, self.efforts, verdict, good)
         self.writer.write(scene(views, self.observation, caption, self.zoom, overview), n)
+
+
+def film(
+    model: Predictor, env: gym.Env[Any, Any], file: str | Path, n_episodes: int = 3, seed: int = 0, zoom: float = 1.0
+) -> Path:
+    """Film whole episodes of an agent.
+
+    Args:
+        model: An agent of Stable-Baselines3; its deterministic actions are taken.
+        env: A `StereoReachEnv` with all wrappers that the agent knows.
+        file: An .mp4 (needs imageio-ffmpeg) or a .gif.
+        n_episodes: How many.
+        seed: Of the first episode's start.
+        zoom: As in `scene`.
+
+    Returns:
+        The file.
+
+    Raises:
+        ConfigError: If the file cannot be written, or its name has another ending.
+    """
+    path = Path(file)
+    writer = make_writer(path, N_PARTS * env.metadata.get("render_fps", 1))
+    try:
+        filmed = Filmed(env, writer, zoom)
+        for number in range(n_episodes):
+            observation, _ = filmed.reset(seed=seed if number == 0 else None)
+            ended = False
+            while not ended:
+                action, _ = model.predict(observation, deterministic=True)
+                observation, _, terminated, truncated, _ = filmed.step(action)
+                ended = terminated or truncated
+    finally:
+        writer.close()
+    return path
 
 
 class Mp4:
