@@ -11,6 +11,7 @@ COMMANDS = {
     "evaluate": "evaluate a trained agent on the test poses",
     "check": "check an environment before training on it, e.g. with your own arm",
     "plot": "plot the learning curves of runs",
+    "report": "write a page about a run or a sweep: film, curves, scores, settings",
     "sweep": "search hyper-parameters, on one machine or a cluster",
     "predict": "detect the markers in ordinary images and print the agent's joint torques",
 }

@@ -40,6 +40,7 @@ TINY = {
     "evaluate": ("--n-envs", "1", *QUICK),
     "check": ("--poses", "20", "--steps", "5"),
     "plot": (),
+    "report": ("--n-episodes", "1", *QUICK),
     "predict": QUICK,
 }
 TINY_ASSIGNMENTS = {
@@ -175,7 +176,8 @@ def tiny(module: str, argv: list[str], folder: Path) -> list[str]:
         for flag, assignments in TINY_ASSIGNMENTS.items():
             at = argv.index(flag) + 1 if flag in argv else len(argv)
             argv[at:at] = assignments if flag in argv else (flag, *assignments)
-    return [*argv, *TINY[name]]
+    few = ("--poses", "1") if "--disturbances" in argv else ()
+    return [*argv, *TINY[name], *few]
 
 
 @pytest.mark.slow
