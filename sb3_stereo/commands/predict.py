@@ -18,6 +18,7 @@ from sb3_stereo.commands.flags import (
     path,
     run_command,
 )
+from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.real_images.player import Player, description, drawn, plain
@@ -36,7 +37,9 @@ def make_parser() -> argparse.ArgumentParser:
         nargs="+",
         help="for each view an image, a folder of images or a camera index",
     )
-    parser.add_argument("--model", type=path, required=True, metavar="RUN", help="run directory of the agent")
+    parser.add_argument(
+        "--model", type=path, metavar="RUN", help="run directory of the agent (default: the one that ships)"
+    )
     add_model_flags(parser)
     parser.add_argument(
         "-n", type=at_least(1), metavar="N", help="stop after N pairs (default: all; cameras: until Ctrl-C)"
@@ -52,11 +55,13 @@ def load_player(args: argparse.Namespace) -> Player:
     from sb3_stereo.building.factory import make_env
     from sb3_stereo.runs.directory import import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
+    from sb3_stereo.runs.pretrained import pretrained_run
 
     import_packages(args.gym_packages)
     check_device(args.device)
-    config, _ = load_record(args.model)
-    path = model_path(args.model, config.env_id, args.load_best, args.load_checkpoint)
+    run = args.model or pretrained_run("ddpg", DEFAULT_ENV)
+    config, _ = load_record(run)
+    path = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
     env = make_env(config.env_id, config.env_kwargs, config.env_wrapper)()
     if not hasattr(env.unwrapped, "cameras"):

@@ -257,3 +257,12 @@ def test_what_is_no_image_is_one_sentence(
     ):
         assert predict.main([*sources, "--model", str(run), "--num-threads", "1"]) == 2
         assert capsys.readouterr().err.endswith(f"error: {one_line(message)}\n")
+
+
+def test_the_first_example_of_the_docs_prints_what_stands_there(capsys: pytest.CaptureFixture[str]) -> None:
+    root = Path(__file__).parents[2]
+    block = (root / "docs" / "real_cameras.md").read_text().split("```console\n$ ")[1].split("```")[0]
+    command, expected = block.split("\n", 1)
+    arguments = [str(root / word) if word.endswith(".png") else word for word in command.split()[4:]]
+    assert predict.main([*arguments, "--num-threads", "1", "--device", "cpu"]) == 0
+    assert capsys.readouterr().out.replace(f"{root}/", "") == expected
