@@ -83,6 +83,21 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--resume", type=path, metavar="RUN", help="resume an interrupted run with its own settings")
     parser.add_argument("-tb", "--tensorboard-log", type=path, help="TensorBoard folder (default: none)")
+    parser.add_argument(
+        "--track",
+        nargs="?",
+        const="wandb",
+        choices=("wandb", "mlflow"),
+        help="also log to Weights & Biases, or to MLflow",
+    )
+    parser.add_argument(
+        "--wandb-project-name",
+        default="sb3_stereo",
+        metavar="NAME",
+        help="the project, for MLflow the experiment (default: sb3_stereo)",
+    )
+    parser.add_argument("--wandb-entity", metavar="NAME", help="the user or team at Weights & Biases")
+    parser.add_argument("-tags", "--wandb-tags", nargs="+", default=[], metavar="TAG", help="of the tracker's run")
     parser.add_argument("-P", "--progress", action="store_true", help="show the progress bar even without a terminal")
     parser.add_argument(
         "-optimize", "--optimize-hyperparameters", action="store_true", help=f"see {command_line('sweep')}"
@@ -112,6 +127,10 @@ def make_options(args: argparse.Namespace) -> "Options":
         n_eval_envs=args.n_eval_envs if args.n_eval_envs > 0 else runtime.free_cores(),
         save_freq=args.save_freq,
         tensorboard_log=args.tensorboard_log,
+        track=args.track,
+        wandb_project_name=args.wandb_project_name,
+        wandb_entity=args.wandb_entity,
+        wandb_tags=tuple(args.wandb_tags),
         device=args.device,
         vec_env=args.vec_env,
         trained_agent=args.trained_agent,

@@ -9,6 +9,7 @@ from sb3_stereo.building.factory import VEC_ENVS
 from sb3_stereo.config.validation import fits
 from sb3_stereo.errors import ConfigError, unknown
 from sb3_stereo.evaluation.protocol import Evaluation
+from sb3_stereo.training.tracking import TRACKERS
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,10 @@ class Options:
         n_eval_envs: Environments that are stepped together in a score.
         save_freq: A model and a snapshot every so many environment steps; not positive saves none.
         tensorboard_log: Folder for TensorBoard; None writes nothing.
+        track: "wandb" or "mlflow" is told what TensorBoard would be; None tells neither.
+        wandb_project_name: The project, for MLflow the experiment.
+        wandb_entity: The user or team, for Weights & Biases.
+        wandb_tags: Of the tracker's run.
         device: PyTorch device.
         vec_env: "dummy" or "subproc".
         trained_agent: A saved model whose networks and optimizers to begin with.
@@ -39,6 +44,10 @@ class Options:
     n_eval_envs: int = 1
     save_freq: int = -1
     tensorboard_log: str | None = None
+    track: str | None = None
+    wandb_project_name: str = "sb3_stereo"
+    wandb_entity: str | None = None
+    wandb_tags: tuple[str, ...] = ()
     device: str = "auto"
     vec_env: str = "dummy"
     trained_agent: str | None = None
@@ -62,6 +71,8 @@ def recorded_options(args: Mapping[str, Any]) -> Options:
             raise ConfigError(
                 f"the run's args.yml must have {name} of at least {least}; write what it was trained with"
             )
+    if args.get("track") not in (None, *TRACKERS):
+        raise unknown("track in the run's args.yml", args["track"], TRACKERS)
     if args.get("vec_env", "dummy") not in VEC_ENVS:
         raise unknown("vec_env in the run's args.yml", args["vec_env"], VEC_ENVS)
     return Options(**{name: args[name] for name in Options.__dataclass_fields__ if name in args})

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import KVWriter, Logger
 from stable_baselines3.common.logger import configure as configure_logger
 from stable_baselines3.common.vec_env import VecEnv
 
@@ -24,6 +24,7 @@ from sb3_stereo.training.errors import Refused
 from sb3_stereo.training.options import Options, Result
 from sb3_stereo.training.progress import Progress
 from sb3_stereo.training.signals import Interruptions, StopOnSignal
+from sb3_stereo.training.tracking import make_tracker
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -56,6 +57,7 @@ class Session:
         self._on_evaluation = on_evaluation
         self._env: VecEnv | None = None
         self._model: BaseAlgorithm | None = None
+        self._tracker: KVWriter | None = None
         self._evaluation: PoseEvalCallback | None = None
 
     def train(self, interruptions: Interruptions) -> Result:
@@ -68,6 +70,8 @@ class Session:
             ended = interruptions.run(lambda: self._learn(interruptions))
             model = self._save(ended)
         finally:
+            if self._tracker is not None:
+                self._tracker.close()
             if self._env is not None:
                 close(self._env)
         steps = max(self.first_step, self._model.num_timesteps if self._model else 0)
@@ -88,7 +92,11 @@ class Session:
                     load_weights(self._model, Path(options.trained_agent), options.trust)
             if options.save_freq > 0:
                 check_can_be_captured(self._model)
-            self._model.set_logger(_logger(self.run, self.tensorboard, options.verbose))
+            logger = _logger(self.run, self.tensorboard, options.verbose)
+            with setting_up("the tracker", Refused):
+                self._tracker = make_tracker(self.run, config, options)
+            logger.output_formats += [self._tracker] if self._tracker is not None else []
+            self._model.set_logger(logger)
             with setting_up("the callbacks", Refused):
                 callbacks = self._callbacks()
             snapshot = snapshots.SaveSnapshots(
