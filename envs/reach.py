@@ -287,6 +287,15 @@ class StereoReachEnv(SimulatedEnv):
         """
         return rewards.lengths(offsets * self._success_scale)
 
+    def find_markers(self, view: int, frame: Image) -> Blobs:
+        """Measure the markers in a frame.
+
+        Args:
+            view: Number of the camera, from 0.
+            frame: RGB or RGBA, (height, width, 3 or 4), uint8.
+        """
+        return self._world.rig.find(view, frame)
+
     def locate_markers(self, view: int, red: Image, blue: Image) -> Blobs:
         """Measure the markers in an ordinary image as in a rendered frame.
 

@@ -38,6 +38,16 @@ def paper(algo: str, gamma: float) -> Row:
 
 
 OURS = on("WamStereoReach", "ours_ddpg", "ddpg", "**DDPG, ours**", *FREQUENT, checkpoints=OUR_CHECKPOINTS)
+AUGMENTATION = ("-params", "augmentation:{begin: 2000, end: 4000}")  # docs/robustness.md
+ROBUST = on(
+    "WamStereoReach",
+    "robust_ddpg",
+    "ddpg",
+    "DDPG, ours, augmented images",
+    *FREQUENT,
+    *AUGMENTATION,
+    checkpoints=OUR_CHECKPOINTS,
+)
 SECTIONS = {
     "Fixed target": (
         OURS,
@@ -45,6 +55,7 @@ SECTIONS = {
         paper("ddpg", 0.99),
         *(paper("dqn", gamma) for gamma in (0.2, 0.5, 0.9)),
     ),
+    "Augmented images": (ROBUST,),
     "Randomised targets": (
         on(
             "WamStereoReachRandom",

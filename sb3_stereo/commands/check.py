@@ -83,9 +83,18 @@ def save_frame(env: Any, path: str) -> None:
     """Save what the cameras see of the arm in the middle of its joints' ranges, whether it is free there or not."""
     import cv2
 
-    views = [view[:, :, 2::-1] for view in env.draw_pose(env.arm.limits.mean(axis=1))]  # OpenCV's order of colours
+    from sb3_stereo.viz.drawing import View, side_by_side, titled
+
+    frames = env.draw_pose(env.arm.limits.mean(axis=1))
+    views = [
+        View(camera.spec.name, frame, env.find_markers(number, frame))
+        for number, (camera, frame) in enumerate(zip(env.cameras, frames, strict=True))
+    ]
+    picture = titled(
+        "every joint in the middle of its range; rings: the markers as they are measured", side_by_side(views)
+    )
     try:
-        saved = cv2.imwrite(path, cv2.hconcat(views))
+        saved = cv2.imwrite(path, picture[:, :, ::-1])  # OpenCV's order of colours
     except cv2.error:
         saved = False
     if not saved:

@@ -7,7 +7,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import TensorBoardOutputFormat
 
 from sb3_stereo.evaluation.callback import PoseEvalCallback
-from sb3_stereo.viz.drawing import capture, side_by_side
+from sb3_stereo.viz.drawing import capture, side_by_side, titled
 from sb3_stereo.viz.saliency import overlaid, saliency
 
 N_STATES = 4  # of an episode, from its start
@@ -53,7 +53,8 @@ class TensorboardPictures(BaseCallback):
         observation, _ = env.reset(**self.scoring.initial_states[int(rng.integers(len(self.scoring.initial_states)))])
         for _ in range(N_STATES):
             if self.spread is not None:
-                attention.append(overlaid(observation, saliency(self.model.policy, observation, self.spread)))
+                seen = overlaid(observation, saliency(self.model.policy, observation, self.spread))
+                attention.append(titled("network input, and in red what changes the action most", seen))
             stereo += [side_by_side(capture(env))] if hasattr(env.unwrapped, "draw") else []
             action, _ = self.model.predict(observation, deterministic=True)
             observation, _, terminated, truncated, _ = env.step(action)

@@ -85,7 +85,7 @@ def scene(
     """
     above = side_by_side(views, zoom) if overview is None else beside_overview(views, zoom, overview)
     pixels = NETWORK_HEIGHT if overview is None else NETWORK_HEIGHT * 2 // 3
-    below = _row([_titled("network input", _squares(as_stack(observation)[0], pixels))])
+    below = _row([titled("network input", _squares(as_stack(observation)[0], pixels))])
     captions = _caption(caption, (below.shape[0], max(above.shape[1] - below.shape[1], 420)))
     rows = [above, np.hstack([below, captions])]
     width = max(row.shape[1] for row in rows)
@@ -96,7 +96,7 @@ def scene(
 
 def side_by_side(views: Sequence[View], zoom: float = 1.0) -> Image:
     """Draw the views in a row, each with its name and what is found in it."""
-    return _row([_titled(view.name, annotated(view, zoom)) for view in views])
+    return _row([titled(view.name, annotated(view, zoom)) for view in views])
 
 
 def overview_size(views: Sequence[View]) -> tuple[int, int]:
@@ -107,8 +107,8 @@ def overview_size(views: Sequence[View]) -> tuple[int, int]:
 
 def beside_overview(views: Sequence[View], zoom: float, overview: Image) -> Image:
     """The whole scene on the left, and the views below each other on the right."""
-    column = np.vstack([_titled(view.name, annotated(view, zoom, COLUMN_HEIGHT)) for view in views])
-    return _row([_titled("scene", overview), column])
+    column = np.vstack([titled(view.name, annotated(view, zoom, COLUMN_HEIGHT)) for view in views])
+    return _row([titled("scene", overview), column])
 
 
 def annotated(view: View, zoom: float = 1.0, shown_height: int = VIEW_HEIGHT) -> Image:
@@ -140,7 +140,8 @@ def _squares(luminance: Image, shown_height: int) -> Image:
     return np.repeat(np.kron(luminance, np.ones((factor, factor), np.uint8))[:, :, None], 3, axis=2)
 
 
-def _titled(title: str, picture: Image) -> Image:
+def titled(title: str, picture: Image) -> Image:
+    """Write what a picture shows above it."""
     framed = _paper(picture.shape[0] + LINE_HEIGHT, picture.shape[1] + BORDER)
     framed[LINE_HEIGHT:, BORDER:] = picture
     _write(framed, title, (BORDER, LINE_HEIGHT - 10), PALE)

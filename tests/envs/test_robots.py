@@ -376,7 +376,7 @@ def test_check_draws_an_arm_before_any_reset_and_where_it_collides(tmp_path: Pat
     env = StereoReachEnv(render_mode="rgb_array", arm=replace(ARMS["panda"], collision_exempt=()))
     save_frame(env, str(tmp_path / "arm.png"))
     picture = cv2.imread(str(tmp_path / "arm.png"))
-    assert picture is not None and picture.shape == (240, 640, 3)
+    assert picture is not None and picture.shape[0] > 360 and picture.shape[1] > 2 * 480
     blue, green, red = picture[..., 0].astype(int), picture[..., 1].astype(int), picture[..., 2].astype(int)
     assert (red > green + 100).any() and (blue > green + 100).any()  # both markers
     env.close()
