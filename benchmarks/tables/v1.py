@@ -38,7 +38,7 @@ def paper(algo: str, gamma: float) -> Row:
 
 
 OURS = on("WamStereoReach", "ours_ddpg", "ddpg", "**DDPG, ours**", *FREQUENT, checkpoints=OUR_CHECKPOINTS)
-AUGMENTATION = ("-params", "augmentation:{begin: 2000, end: 4000}")  # docs/robustness.md
+AUGMENTATION = ("-params", "augmentation.begin:2000", "augmentation.end:4000")  # docs/robustness.md
 ROBUST = on(
     "WamStereoReach",
     "robust_ddpg",
