@@ -47,23 +47,21 @@ class Progress(tune.Callback):
 
     def show(self, trials: Sequence[TuneTrial]) -> None:
         """Update the bar."""
-        trainings = [(trial, training) for trial in trials if (training := self._training(trial)) is not None]
-        if not trainings:
+        known = [(trial, training) for trial in trials if (training := self._training(trial)) is not None]
+        if not known:
             return
         if self._bar is None:
-            total = self.n_trials * trainings[0][1].config.n_timesteps
-            self._bar = Bar(total, "step", done=sum(self._steps(*pair) for pair in trainings))
-        self._bar.update(sum(self._steps(*pair) for pair in trainings), self.note(trainings))
+            total = self.n_trials * known[0][1].config.n_timesteps
+            self._bar = Bar(total, "step", done=sum(self._steps(*pair) for pair in known))
+        self._bar.update(sum(self._steps(*pair) for pair in known), self.note(known))
 
-    def note(self, trainings: Sequence[tuple[TuneTrial, "Training"]]) -> str:
+    def note(self, known: Sequence[tuple[TuneTrial, "Training"]]) -> str:
         """What is said besides the steps."""
-        n_ended = sum(_has_ended(trial) for trial, _ in trainings)
-        n_running = sum(trial.status == TuneTrial.RUNNING for trial, _ in trainings)
+        n_ended = sum(_has_ended(trial) for trial, _ in known)
+        n_running = sum(trial.status == TuneTrial.RUNNING for trial, _ in known)
         said = [f"{n_ended} of {self.n_trials} trials ended", f"{n_running} running"]
-        metric = trainings[0][1].metric
-        scores = [
-            defined(trial.last_result[metric.name], metric) for trial, _ in trainings if _told(trial, metric.name)
-        ]
+        metric = known[0][1].metric
+        scores = [defined(trial.last_result[metric.name], metric) for trial, _ in known if _told(trial, metric.name)]
         if scores:
             best = max(scores) if metric.goal == "maximize" else min(scores)
             said.append(f"best {metric.name} so far {best:.4g}")
