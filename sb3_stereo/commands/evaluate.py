@@ -14,7 +14,7 @@ from sb3_stereo.commands.flags import (
     add_model_flags,
     add_process_flags,
     at_least,
-    check_device,
+    load_agent,
     path,
     run_command,
 )
@@ -81,27 +81,18 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from sb3_stereo.console import Bar
     from sb3_stereo.evaluation.callback import describe
     from sb3_stereo.evaluation.protocol import eval_initial_states, evaluate, random_initial_states
-    from sb3_stereo.runs.directory import import_packages, load_record, model_path
-    from sb3_stereo.runs.models import load_model
     from sb3_stereo.runs.pretrained import pretrained_run
 
     check_output(args)
-    import_packages(args.gym_packages)
-    check_device(args.device)
     run = args.run or pretrained_run("ddpg", args.pretrained)
-    config, _ = load_record(run)
-    path = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
-    runtime.set_threads(args.num_threads)
+    config, path, model = load_agent(args, run)
     initial_states = (
         random_initial_states(args.poses, args.seed)
         if args.poses
         else eval_initial_states(config.env_id, config.env_kwargs)
     )
     n_envs = args.n_envs if args.n_envs > 0 else runtime.free_cores()
-    model, env_fn = (
-        load_model(config, path, args.device, args.trust),
-        make_env(config.env_id, config.env_kwargs, config.env_wrapper),
-    )
+    env_fn = make_env(config.env_id, config.env_kwargs, config.env_wrapper)
     if args.disturbances:
         return disturb(args, run, config, model, n_envs)
     bar = (

@@ -6,12 +6,18 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
+from sb3_stereo import runtime
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import surviving_broken_pipes
 from sb3_stereo.errors import ConfigError, one_line
 from sb3_stereo.runs.directory import LAST_CHECKPOINT
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    from sb3_stereo.config.schema import Config
 
 MAX_PATH, MAX_NAME = 4000, 255  # [bytes], Linux's limits; a run's files have longer paths than its folder
 INTERRUPTED = 130  # 128 + SIGINT, the shell's convention
@@ -115,6 +121,19 @@ def check_device(device: str) -> None:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).splitlines()[0]
         raise ConfigError(f"device '{device}' cannot be used ({reason}); cpu always works") from error
+
+
+def load_agent(args: argparse.Namespace, run: str | Path) -> "tuple[Config, Path, BaseAlgorithm]":
+    """Load the model of a run that the flags choose; return the run's configuration, the model's file and the model."""
+    from sb3_stereo.runs.directory import import_packages, load_record, model_path
+    from sb3_stereo.runs.models import load_model
+
+    import_packages(args.gym_packages)
+    check_device(args.device)
+    config, _ = load_record(run)
+    file = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
+    runtime.set_threads(args.num_threads)
+    return config, file, load_model(config, file, args.device, args.trust)
 
 
 def run_command(command: Callable[[Any], int], args: Any) -> int:

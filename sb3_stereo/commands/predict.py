@@ -13,8 +13,8 @@ from sb3_stereo.commands.flags import (
     add_model_flags,
     add_process_flags,
     at_least,
-    check_device,
     file,
+    load_agent,
     path,
     run_command,
 )
@@ -53,20 +53,13 @@ def make_parser() -> argparse.ArgumentParser:
 def load_player(args: argparse.Namespace) -> Player:
     """Load the run's agent and make its environment."""
     from sb3_stereo.building.factory import make_env
-    from sb3_stereo.runs.directory import import_packages, load_record, model_path
-    from sb3_stereo.runs.models import load_model
     from sb3_stereo.runs.pretrained import pretrained_run
 
-    import_packages(args.gym_packages)
-    check_device(args.device)
-    run = args.model or pretrained_run("ddpg", DEFAULT_ENV)
-    config, _ = load_record(run)
-    path = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
-    runtime.set_threads(args.num_threads)
+    config, _, model = load_agent(args, args.model or pretrained_run("ddpg", DEFAULT_ENV))
     env = make_env(config.env_id, config.env_kwargs, config.env_wrapper)()
     if not hasattr(env.unwrapped, "cameras"):
         raise ConfigError(f"{config.env_id} has no cameras; give a run of an environment of sb3_stereo")
-    return Player(load_model(config, path, args.device, args.trust), env)
+    return Player(model, env)
 
 
 def predict_command(args: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from sb3_stereo.commands.flags import (
     add_model_flags,
     add_process_flags,
     at_least,
-    check_device,
+    load_agent,
     path,
     run_command,
 )
@@ -38,8 +38,6 @@ def report_command(args: argparse.Namespace) -> int:
     """Write the page."""
     runtime.tune_allocator()
     from sb3_stereo.evaluation.html_report import run_report, sweep_report, write_report
-    from sb3_stereo.runs.directory import import_packages, load_record, model_path
-    from sb3_stereo.runs.models import load_model
 
     run = Path(args.run)
     file = Path(args.output or run / "report.html")
@@ -48,16 +46,7 @@ def report_command(args: argparse.Namespace) -> int:
     if (run / "sweep.yml").is_file():
         write_report(sweep_report(run), file)
     else:
-        import_packages(args.gym_packages)
-        check_device(args.device)
-        runtime.set_threads(args.num_threads)
-        config, _ = load_record(run)
-        model = load_model(
-            config,
-            model_path(run, config.env_id, args.load_best, args.load_checkpoint),
-            args.device,
-            args.trust,
-        )
+        _, _, model = load_agent(args, run)
         write_report(run_report(run, model, args.n_episodes), file)
     print_line(f"Written: {file}")
     return 0
