@@ -50,9 +50,9 @@ class ImageAugmentation:
     `zoom`, and each by itself by the rest.
 
     Attributes:
-        share: Changed copies per transition of a batch, to which they are added, in the end.
-        begin: Environment steps before there are any: a clean world is learnt sooner.
-        end: Environment steps from which there are `share` of them; in between their number grows evenly. 0: at once.
+        share: Of the transitions that are changed at all, in the end.
+        begin: Environment steps before any is changed: a clean world is learnt sooner.
+        end: Environment steps from which `share` of them are; in between their number grows evenly. 0: at once.
         background: Share of the views whose white background becomes another: a grey or a smooth random field,
             perhaps with a floor and with things that have edges.
         tone: How far the luminance of the links goes towards a random grey at most, 0 to 1.
@@ -65,7 +65,7 @@ class ImageAugmentation:
         probability: Share of the changed views or images that each of tone, gain and offset, noise, and shift affects.
     """
 
-    share: float = 0.5
+    share: float = 0.7
     begin: int = 0
     end: int = 0
     background: float = 0.6
@@ -106,25 +106,36 @@ class ImageAugmentation:
         return cls(**given)
 
     def share_at(self, timesteps: int) -> float:
-        """Changed copies per transition after so many environment steps."""
+        """Share of the transitions that are changed after so many environment steps."""
         if self.end <= self.begin:
             return self.share * (timesteps >= self.begin)
         return self.share * min(max((timesteps - self.begin) / (self.end - self.begin), 0.0), 1.0)
 
-    def change(
-        self, images: Images, offsets: Floats, layout: Layout, rng: np.random.Generator
+    def change_some(
+        self, images: Images, offsets: Floats, share: float, layout: Layout, rng: np.random.Generator
     ) -> tuple[Images, Floats]:
-        """Change transitions.
+        """Change a share of the transitions, and leave the others.
 
         Args:
             images: Both of every transition, shape (2, n, channels, height, width), uint8.
             offsets: The markers' in the second ones, shape (n, n_views, 2), in [px].
+            share: 0 to 1.
             layout: What the images hold.
             rng: What all draws come from.
 
         Returns:
             New images and offsets of the same shapes.
         """
+        chosen = np.asarray(rng.random(images.shape[1]) < share)
+        images, offsets = images.copy(), offsets.copy()
+        if chosen.any():
+            images[:, chosen], offsets[chosen] = self.change(images[:, chosen], offsets[chosen], layout, rng)
+        return images, offsets
+
+    def change(
+        self, images: Images, offsets: Floats, layout: Layout, rng: np.random.Generator
+    ) -> tuple[Images, Floats]:
+        """Change every transition; arguments as in `change_some`."""
         _, n, _, rows, width = images.shape
         height = rows if layout.views_in_channels else rows // layout.n_views
         split = (2 * n, -1, layout.n_views, height, width)

@@ -25,8 +25,8 @@ class DynamicsMixin(OffPolicyMixin):
         dynamics_steps: Updates of the encoder at each training, as `gradient_steps` counts those of the agent.
         pretraining: As in `OffPolicyMixin`; "dynamics" is the number of updates of the encoder, which come first.
         exploration: As in `OffPolicyMixin`.
-        augmentation: Arguments of `ImageAugmentation`, of which changed copies are added to the encoder's batches; {}
-            takes its defaults. Critic and actor see the features of the images as they are. None adds none.
+        augmentation: Arguments of `ImageAugmentation`: how the images that train the encoder are changed; {} takes its
+            defaults. Critic and actor see the features of the images as they are. None changes nothing.
         kwargs: Of the algorithm.
 
     Raises:
@@ -119,23 +119,22 @@ class DynamicsMixin(OffPolicyMixin):
             self.logger.record("train/dynamics_loss", loss)
 
     def _augmented(self, samples: DynamicsSamples) -> DynamicsSamples:
-        """The samples, and copies of some as other worlds would show them."""
+        """The samples with images as other worlds would show them."""
         if self.augmentation is None:
             return samples
         augmentation, buffer = ImageAugmentation.of(self.augmentation), self.replay_buffer
-        n_copies = round(augmentation.share_at(self.num_timesteps) * len(samples.actions))
-        if n_copies == 0:
-            return samples
-        copies = DynamicsSamples(*(values[:n_copies] for values in samples))
-        images, offsets = augmentation.change(
-            th.stack([copies.observations, copies.next_observations]).cpu().numpy(),
-            copies.next_offsets.cpu().numpy(),
+        images = th.stack([samples.observations, samples.next_observations]).cpu().numpy()
+        changed, offsets = augmentation.change_some(
+            images,
+            samples.next_offsets.cpu().numpy(),
+            augmentation.share_at(self.num_timesteps),
             Layout(buffer.n_views, buffer.views_in_channels, buffer.marker_map),
             np.random.default_rng(np.random.randint(2**31)),
         )
-        changed = (images[0], copies.actions.cpu(), images[1], offsets)
-        return DynamicsSamples(
-            *(th.cat([one, th.as_tensor(other).to(one)]) for one, other in zip(samples, changed, strict=True))
+        observations, next_observations = th.from_numpy(changed).to(samples.observations.device)
+        next_offsets = th.from_numpy(offsets).to(samples.next_offsets.device)
+        return samples._replace(
+            observations=observations, next_observations=next_observations, next_offsets=next_offsets
         )
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:

@@ -135,6 +135,15 @@ def test_a_marker_map_is_moved_with_the_view_and_nothing_else() -> None:
     assert not np.array_equal(change(images, layout, shift=3)[:, :, 1], images[:, :, 1])
 
 
+def test_a_share_of_the_transitions_is_changed() -> None:
+    images, augmentation = scene(400), ImageAugmentation(noise=50.0)
+    changed, offsets = augmentation.change_some(images, labels(400), 0.3, STACK, np.random.default_rng(0))
+    same = [[np.array_equal(*pair) for pair in zip(*moment, strict=True)] for moment in zip(changed, images)]
+    kept = np.array(same).all(axis=0)
+    assert 0.62 < kept.mean() < 0.8
+    np.testing.assert_array_equal(offsets[kept], labels(400)[kept])
+
+
 def test_the_share_grows_from_begin_to_end() -> None:
     growing = ImageAugmentation(share=0.8, begin=1000, end=3000)
     assert [growing.share_at(step) for step in (0, 1000, 2000, 3000, 9000)] == [0.0, 0.0, 0.4, 0.8, 0.8]

@@ -185,29 +185,30 @@ def test_the_encoder_learns_where_the_hand_is(monkeypatch: pytest.MonkeyPatch) -
 # --- the order of a training
 
 
-def test_changed_copies_are_added_to_the_encoders_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_augmentation_changes_what_the_encoder_sees_from_its_first_step_on(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[DynamicsSamples] = []
+    update = DynamicsHeads.update
+    monkeypatch.setattr(
+        DynamicsHeads,
+        "update",
+        lambda self, encoder, samples: (seen.append(samples), update(self, encoder, samples))[1],
+    )
+    model = ddpg(augmentation={"begin": 40, "share": 1.0, "zoom": 0.5}, dynamics_steps=1)
     stored: list[DynamicsSamples] = []
-    update, sample = DynamicsHeads.update, StereoReplayBuffer.sample_dynamics
-
-    def watched_update(self: DynamicsHeads, encoder: Any, samples: DynamicsSamples) -> float:
-        seen.append(samples)
-        return update(self, encoder, samples)
-
-    def watched_sample(self: StereoReplayBuffer, batch_size: int) -> DynamicsSamples:
-        stored.append(sample(self, batch_size))
-        return stored[-1]
-
-    monkeypatch.setattr(DynamicsHeads, "update", watched_update)
-    monkeypatch.setattr(StereoReplayBuffer, "sample_dynamics", watched_sample)
-    ddpg(augmentation={"begin": 34, "end": 44, "share": 1.0, "zoom": 0.5}, batch_size=10).learn(50)
-    counts = [len(samples.actions) - 10 for samples in seen]
-    assert counts == [0, 0, 0, 0, *range(1, 10), *[10] * 7]  # from the 31st step on
-    for given, clean, n in zip(seen, stored, counts, strict=True):
-        for values, originals in zip(given, clean, strict=True):
-            np.testing.assert_array_equal(values[:10], originals)
-        np.testing.assert_array_equal(given.actions[10:], clean.actions[:n])
-        assert n == 0 or not th.equal(given.observations[10:], clean.observations[:n])
+    sample = StereoReplayBuffer.sample_dynamics
+    monkeypatch.setattr(
+        StereoReplayBuffer,
+        "sample_dynamics",
+        lambda self, batch_size: (stored.append(sample(self, batch_size)), stored[-1])[1],
+    )
+    model.learn(50)
+    same_images = [th.equal(one.observations, other.observations) for one, other in zip(seen, stored, strict=True)]
+    same_offsets = [
+        np.array_equal(one.next_offsets, other.next_offsets, equal_nan=True)
+        for one, other in zip(seen, stored, strict=True)
+    ]
+    assert same_images == same_offsets == [True] * 9 + [False] * 11
+    assert all(th.equal(one.actions, other.actions) for one, other in zip(seen, stored, strict=True))
 
 
 def test_pretraining_comes_once_the_encoder_first(monkeypatch: pytest.MonkeyPatch) -> None:
