@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from sb3_stereo.config.schema import Config
 
-N_DISTURBED = 40  # of the test poses, in each of the disturbed worlds
+N_DISTURBED = 20  # of the test poses, in each of the disturbed worlds
 
 
 def make_parser() -> argparse.ArgumentParser:
