@@ -17,7 +17,6 @@ import numpy as np
 
 import benchmarks
 from benchmarks.analysis.baselines import Line, read_lines, write_lines
-from benchmarks.analysis.looks import trained_steps
 from benchmarks.tables.row_tables import line_of
 from sb3_stereo.commands.evaluate import N_DISTURBED
 from sb3_stereo.commands.flags import Parser, at_least, run_command
@@ -63,13 +62,13 @@ def score_run(run: Path, name: str, n_envs: int) -> list[Line]:
     """Score a run's final model in all worlds."""
     config, arguments = load_record(run)
     path = model_path(run, config.env_id)
+    agent = {"row": name, "seed": str(arguments["seed"]), "timesteps": str(config.n_timesteps)}  # of the final model
     states = eval_initial_states(config.env_id, config.env_kwargs)[:N_DISTURBED]
     bar = Bar(sum(1 for _ in worlds(config)), "world")
     try:
         scores = score_disturbances(load_model(config, path), config, states, n_envs, progress=bar.update)
     finally:
         bar.close()
-    agent = {"row": name, "seed": str(arguments["seed"]), "timesteps": str(trained_steps(path))}
     return [agent | {key: _text(value) for key, value in asdict(score).items()} for score in scores]
 
 

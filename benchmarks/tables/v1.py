@@ -43,7 +43,7 @@ ROBUST = on(
     "WamStereoReach",
     "robust_ddpg",
     "ddpg",
-    "DDPG, ours, augmented images",
+    "DDPG, ours, augmented images (at step 1500: 50 of the poses)",
     *FREQUENT,
     *AUGMENTATION,
     checkpoints=OUR_CHECKPOINTS,
