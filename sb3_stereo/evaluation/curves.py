@@ -146,6 +146,17 @@ def draw(groups: Sequence[Curves], file: Path, names: Sequence[str] | None = Non
     axes[0, 0].set(ylim=(-3, 103))
     labels = [textwrap.fill(name, 28 * len(known)) for name in names or [group.label for group in groups]]
     figure.legend(axes[0, 0].get_lines(), labels, loc="outside lower left", fontsize="small")
+    save_figure(figure, file)
+
+
+def save_figure(figure: Any, file: Path) -> None:
+    """Write a matplotlib figure and close it.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    from matplotlib import pyplot as plt
+
     try:
         figure.savefig(file, dpi=120)
     except OSError as error:

@@ -17,6 +17,7 @@ from sb3_stereo.building.factory import VEC_ENVS, make_env
 from sb3_stereo.config.schema import Config, check_env_kwargs
 from sb3_stereo.console import aligned
 from sb3_stereo.errors import ConfigError
+from sb3_stereo.evaluation.curves import save_figure
 from sb3_stereo.evaluation.protocol import Evaluation, InitialState, evaluate
 
 if TYPE_CHECKING:
@@ -245,12 +246,7 @@ def draw(agents: Mapping[str, Sequence[Score]], file: Path) -> None:
     names = "; ".join(f"{style[:-1]} {name}" for name, style in zip(agents, ("-o", ":x", "--s", "-.d"), strict=False))
     figure.supylabel("success [%]")
     figure.suptitle(f"Success in disturbed worlds: {names}", fontsize="medium")
-    try:
-        figure.savefig(file, dpi=120)
-    except OSError as error:
-        raise ConfigError(f"cannot write '{file}' ({error.strerror}); choose another with -o") from error
-    finally:
-        plt.close(figure)
+    save_figure(figure, file)
 
 
 def _draw_family(panel: Any, scores: Sequence[Score], family: str, style: str) -> None:

@@ -1,4 +1,4 @@
-"""The Python of README and notebook runs as it stands, but for the length of its trainings."""
+"""The Python of README and notebook runs as it stands, but with shorter training runs."""
 
 import re
 from pathlib import Path
