@@ -89,6 +89,11 @@ class DynamicsMixin(OffPolicyMixin):
                 f"{self.policy_class.__name__} has none here; set encoder_loss ('dynamics', for DQN 'critic+dynamics') "
                 "in policy_kwargs, or leave them out"
             )
+        if heads is None and self.augmentation is not None:
+            raise ValueError(
+                "augmentation changes the images of the encoder's auxiliary losses, and "
+                f"{self.policy_class.__name__} has none here; set encoder_loss in policy_kwargs, or leave it out"
+            )
         if heads is not None and not isinstance(self.replay_buffer, StereoReplayBuffer):
             raise ValueError(
                 f"encoder_loss '{loss}' needs the offsets that a StereoReplayBuffer stores, and replay_buffer_class is "

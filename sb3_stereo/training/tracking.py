@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sb3_stereo.training.options import Options
 
 TRACKERS = {"wandb": "track", "mlflow": "mlflow"}  # and the extra that installs each
+WAYS_OUT = {"wandb": "log in, set WANDB_MODE=offline", "mlflow": "check MLFLOW_TRACKING_URI"}
 ID_FILE = "tracker_id.txt"
 FORMAT = "tracker"  # what SB3's logger excludes a value from
 
@@ -40,7 +41,7 @@ def make_tracker(run: Path, config: Config, options: Options) -> KVWriter | None
         raise ConfigError(f"--track {options.track} needs {error.name}; install it with: {install}") from error
     except Exception as error:  # of the tracker: no login, no server
         reason = (str(error).splitlines() or ["no reason given"])[0]
-        way_out = "log in, set WANDB_MODE=offline, or leave --track out"
+        way_out = f"{WAYS_OUT[options.track]}, or leave --track out"
         raise ConfigError(f"{options.track} cannot track this run ({reason}); {way_out}") from error
 
 

@@ -336,6 +336,11 @@ def test_the_replay_buffer_asks_for_the_mirror() -> None:
         ),
         ({"dynamics_steps": -1}, "dynamics_steps must not be negative, got -1"),
         ({"augmentation": {"share": 2}}, "augmentation: share is 2; give a number from 0 to 1"),
+        (
+            {"augmentation": {}, "dynamics_steps": 0, "policy_kwargs": {"encoder_loss": "critic"}},
+            "augmentation changes the images of the encoder's auxiliary losses, and StereoDDPGPolicy has none here; "
+            "set encoder_loss in policy_kwargs, or leave it out",
+        ),
         ({"pretraining": {"encoder": 1}}, "unknown pretraining 'encoder'; choices are dynamics, agent"),
         ({"pretraining": {"agent": -1}}, "pretraining: agent must be a number that is not negative, got -1"),
         (
