@@ -13,6 +13,7 @@ from sb3_stereo.envs.damping import MAX_EXPLICIT_LOSS, ImplicitDamping, JointSpa
 from sb3_stereo.envs.joints import make_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require, require_known
+from sb3_stereo.envs.suction_cup import CUP_LINK, with_suction_cup
 from sb3_stereo.envs.urdf import bullet_says, load_urdf, mimics, read_urdf, urdf_path, without_inertia
 
 Floats = NDArray[np.float64]
@@ -35,9 +36,11 @@ class Arm:
 
     def __init__(self, spec: ArmSpec, client: Any) -> None:
         self.spec, self._client = spec, client
+        self.step = pybullet.stepSimulation  # with the client's number; a task with bodies of its own does more
         with urdf_path(spec.urdf) as path:
             robot = read_urdf(path)
-            self.body = load_urdf(client, path, spec.base_position, spec.base_quaternion, _flags(spec))
+            with with_suction_cup(spec, path, robot) as extended:
+                self.body = load_urdf(client, extended, spec.base_position, spec.base_quaternion, _flags(spec))
         infos = [client.getJointInfo(self.body, joint) for joint in range(client.getNumJoints(self.body))]
         self._links = {info[12].decode(): info[0] for info in infos}
         self._names = {-1: client.getBodyInfo(self.body)[0].decode()} | {i: name for name, i in self._links.items()}
@@ -51,11 +54,15 @@ class Arm:
         for name in massless:  # Bullet would give each 1 kg and 1 kg m^2; a frame at the tool weighs nothing
             client.changeDynamics(self.body, self._links[name], mass=0.0, localInertiaDiagonal=(0.0, 0.0, 0.0))
         self._check_motion(list(moving.values()), massless)
+        self.cup = self._links.get(CUP_LINK)  # the link's number; None without a suction cup
         self.joints = make_joints(spec, moving, mimics(robot, path))
         self.actuated, self.limits = self.joints.actuated, self.joints.limits
         self._moving, self._actuated_of_moving = self.joints.moving, self.joints.actuated_of_moving
         self._hand = self._links[spec.end_effector_link]
         self._set_up_joints()
+        if self.cup is not None:  # it touches what is not of the arm alone
+            for link in self._names:
+                client.setCollisionFilterPair(self.body, self.body, link, self.cup, 0)
         self._drives = [
             (self._links[link], self._add_inertia(self._links[link], np.array(inertia)))
             for link, inertia in spec.drive_inertia
@@ -265,7 +272,7 @@ class Arm:
             n_parts: Equal parts of a pulse, to a simulation step.
         """
         # Bullet's own functions: the client's wrapper around each costs a tenth of a simulation step.
-        apply, step, client = pybullet.setJointMotorControlArray, pybullet.stepSimulation, self._client.number
+        apply, step, client = pybullet.setJointMotorControlArray, self.step, self._client.number
         body, joints, torque = self.body, self.actuated, pybullet.TORQUE_CONTROL
         for part in range(n_parts):
             if part and on_part:

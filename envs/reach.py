@@ -29,7 +29,7 @@ from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.randomization import Randomization, plain_randomization, randomization
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.specs import plain, quoted, require
-from sb3_stereo.envs.validation import fit
+from sb3_stereo.envs.validation import Integer, fit
 from sb3_stereo.envs.viewed import ViewedEnv
 from sb3_stereo.envs.world import World
 
@@ -50,6 +50,7 @@ class StereoReachEnv(ViewedEnv):
     Args:
         render_mode: None, "rgb_array" (all views side by side), or "human" (Bullet's window; needs a display).
         arm: The robot: an `ArmSpec`, a map of its fields, "wam", "kuka", "panda", or the path of a YAML file.
+        n_joints: How many of the arm's joints are actuated, 4 to 7 of the WAM's in their order; None for the arm's own.
         cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or "left" and "right"
             for those of the framing's pair, any number of them; or the path of a YAML file with such a list. Goal and
             reward are judged by the same views.
@@ -98,6 +99,7 @@ class StereoReachEnv(ViewedEnv):
         render_mode: str | None = None,
         *,
         arm: ArmSpec | Mapping[str, Any] | str = WAM,
+        n_joints: int | None = None,
         cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str = ("left", "right"),
         framing: str = "wide",
         markers: MarkerSpec | Mapping[str, Any] | str = "solid",
@@ -122,7 +124,7 @@ class StereoReachEnv(ViewedEnv):
         physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
         check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
         marks, views = marker_spec(markers), camera_specs(cameras, framing)
-        spec = marks.carried_by(arm_spec(arm))
+        spec = self._arm_spec(arm, n_joints, marks)
         check_pictures(views)
         self._success_scale = success_scale(success_frame, views[0], rho)
         self.render_mode, self.rho, self.distance_scale = render_mode, rho, distance_scale
@@ -130,16 +132,15 @@ class StereoReachEnv(ViewedEnv):
         self.pulse_duration, self.n_pulse_steps = pulse_duration, n_pulse_steps
         self._default_target = bounded("target_position", target_position, 3)
         self.random_target = random_target
-        n_joints = len(spec.joints)
-        self.action_space = Box(-1.0, 1.0, (n_joints,), np.float32)
+        self.action_space = Box(-1.0, 1.0, (len(spec.joints),), np.float32)
         self.composite = Composite(composite, [view.name for view in views])
         self.observation_space = self.composite.space
 
-        joint_damping = None if damping is None else bounded("damping", damping, n_joints)
+        joint_damping = None if damping is None else bounded("damping", damping, len(spec.joints))
         if joint_damping is not None:
             require(joint_damping.min() >= 0, f"damping is {quoted(damping)}; give numbers of at least 0")
         efforts = spec.effort_limits if effort_limits is None else effort_limits
-        self.effort_limits = bounded("effort_limits", efforts, n_joints)
+        self.effort_limits = bounded("effort_limits", efforts, len(spec.joints))
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
         self.pulse_watchers: list[PulseWatcher] = []
         self.randomization = randomization(randomize)
@@ -155,6 +156,12 @@ class StereoReachEnv(ViewedEnv):
             n_things=0 if self.randomization is None else self.randomization.n_things,
         )
         self._initial_positions = None if initial_positions is None else self._checked_start(initial_positions)
+
+    @staticmethod
+    def _arm_spec(arm: ArmSpec | Mapping[str, Any] | str, n_joints: int | None, markers: MarkerSpec) -> ArmSpec:
+        """The robot as this task has it."""
+        spec = arm_spec(arm)
+        return markers.carried_by(spec if n_joints is None else spec.actuating(fit(n_joints, Integer, "n_joints")))
 
     @staticmethod
     def plain_kwargs(kwargs: Mapping[str, Any]) -> dict[str, Any]:

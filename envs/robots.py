@@ -24,9 +24,11 @@ from sb3_stereo.envs.validation import (
     Vector,
     explained,
     from_map,
+    listed,
 )
 
 NotNegative = Annotated[Quantity, Field(ge=0)]
+EffortAndDamping = Annotated[tuple[PositiveQuantity, NotNegative], listed("2 numbers", 2)]
 
 
 @explained("arm")
@@ -53,6 +55,10 @@ class ArmSpec:
             blue are the markers'.
         simple_shapes: Draw the collision shapes in place of the visual ones: TinyRenderer's time is that of triangles.
         marker_radius: Of both markers, in [m].
+        further_joints: Joints that the environment's `n_joints` can actuate besides, in this order, as (joint, (effort
+            limit, damping)); until then they rest. They belong to no mirror image.
+        suction_cup: Length of a suction cup that stands on `end_effector_offset`, along the z axis of that link, in
+            [m]; None for none.
 
     Raises:
         ValueError: If a value makes no robot.
@@ -73,6 +79,8 @@ class ArmSpec:
     link_colors: Pairs[Vector] = ()
     simple_shapes: Flag = False
     marker_radius: PositiveQuantity = 0.07
+    further_joints: Pairs[EffortAndDamping] = ()
+    suction_cup: PositiveQuantity | None = None
 
     def __post_init__(self) -> None:
         n_joints = len(self.joints)
@@ -92,6 +100,30 @@ class ArmSpec:
         for joint, _ in self.rest:
             held = joint not in self.joints
             require(held, f"rest has {quoted(joint)}, which is actuated; leave it out of one of them")
+        for joint, _ in self.further_joints:
+            new = joint not in self.joints
+            require(new, f"further_joints has {quoted(joint)}, which is actuated; leave it out of one of them")
+
+    def actuating(self, n_joints: int) -> "ArmSpec":
+        """The arm with the first `n_joints` of its joints and further joints actuated.
+
+        Raises:
+            ValueError: If it has fewer, or more are actuated in any case.
+        """
+        few, many = len(self.joints), len(self.joints) + len(self.further_joints)
+        wanted = str(few) if few == many else f"{few} to {many}"
+        require(few <= n_joints <= many, f"n_joints is {n_joints}, and this arm's is {wanted}; give that")
+        added = self.further_joints[: n_joints - few]
+        names = tuple(joint for joint, _ in added)
+        return replace(
+            self,
+            joints=self.joints + names,
+            effort_limits=self.effort_limits + tuple(effort for _, (effort, _) in added),
+            damping=self.damping + tuple(damping for _, (_, damping) in added),
+            rest=tuple(pair for pair in self.rest if pair[0] not in names),
+            mirrored_joints=None if added else self.mirrored_joints,
+            further_joints=self.further_joints[n_joints - few :],
+        )
 
     @property
     def base_quaternion(self) -> tuple[float, float, float, float]:
@@ -129,6 +161,8 @@ WAM = ArmSpec(
     ),
     # The palm's and the wrist's shapes overlap their neighbours' by construction.
     collision_exempt=(("forearm", "wrist_pitch"), ("forearm", "wrist_yaw"), ("shoulder_yaw", "upper_arm")),
+    # Chosen likewise. The stops of J5 are not the same on both sides, so a wrist has no mirror image.
+    further_joints=(("J5", (0.5, 0.2)), ("J6", (0.5, 0.2)), ("J7", (0.25, 0.1))),
 )
 
 # Joints 1 and 3 of the next two would mirror their frames, but not their looks: the shells stick out to one side of the

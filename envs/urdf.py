@@ -125,8 +125,7 @@ def _names(robot: ET.Element, tag: str, file: str) -> list[str]:
 def _check_meshes(robot: ET.Element, path: str) -> None:
     """Raise a ValueError that names the first mesh that Bullet would not find or read."""
     names = [mesh.get("filename", "") for mesh in robot.iterfind("link//geometry/mesh")]
-    folders = [*map(str, Path(path).parents), ".", "..", "../.."]  # as Bullet looks
-    missing = [name for name in names if not any(os.path.isfile(os.path.join(f, _bare(name))) for f in folders)]
+    missing = [name for name in names if mesh_file(name, path) is None]
     wrong = [name for name in names if name not in missing and not name.lower().endswith(MESHES)]
     kinds = ", ".join(MESHES)
     if wrong:
@@ -134,6 +133,13 @@ def _check_meshes(robot: ET.Element, path: str) -> None:
     if missing:
         more = f" and {len(set(missing)) - 1} more" if len(set(missing)) > 1 else ""
         raise ValueError(f"{quoted(path)} needs the mesh {quoted(missing[0])}{more}, {_where(missing[0])}")
+
+
+def mesh_file(mesh: str, path: str) -> str | None:
+    """The file of a mesh of the URDF at `path`, found as Bullet finds it; None if there is none."""
+    folders = [*map(str, Path(path).parents), ".", "..", "../.."]
+    places = (os.path.join(folder, _bare(mesh)) for folder in folders)
+    return next(filter(os.path.isfile, places), None)
 
 
 def _bare(mesh: str) -> str:

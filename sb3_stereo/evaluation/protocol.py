@@ -165,7 +165,7 @@ def random_initial_states(n: int, seed: int) -> list[InitialState]:
 
 def eval_initial_states(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[InitialState]:
     """Return the fixed initial states of an evaluation: our test poses; for other arms or tasks, 100 seeded resets."""
-    if env_id in ENV_IDS and "arm" not in (env_kwargs or {}):
+    if env_id in ENV_IDS and not {"arm", "n_joints"} & set(env_kwargs or {}):
         return pose_initial_states(*_test_table(env_id))
     return random_initial_states(N_TEST_POSES, seed=0)
 

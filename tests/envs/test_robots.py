@@ -171,7 +171,7 @@ ERRORS: list[tuple[Any, str]] = [
         {**MINIMAL, "color": "red"},
         "unknown field of arm 'color'; fields are urdf, joints, end_effector_link, effort_limits, damping, "
         "end_effector_offset, rest, base_position, base_orientation, mirrored_joints, drive_inertia, collision_exempt, "
-        "link_colors, simple_shapes, marker_radius",
+        "link_colors, simple_shapes, marker_radius, further_joints, suction_cup",
     ),
     ({**MINIMAL, "joints": "J1"}, "arm: joints is 'J1'; give a list of texts"),
     ({**MINIMAL, "damping": ["much"]}, "arm: damping[0] is 'much'; give a number"),
