@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 CONSTRAINTS := constraints.txt
 PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS:%=-c %)
 TORCH_INDEX ?=
-EXTRAS := progress,tensorboard,contrib,film,plots,notebook,track,mlflow,sweep,benchmarks,tests,docs,dev
+EXTRAS := progress,tensorboard,contrib,film,plots,notebook,track,mlflow,hub,dataset,sweep,benchmarks,tests,docs,dev
 ARGS ?=
 
 NEWEST := .venv-newest

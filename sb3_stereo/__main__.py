@@ -14,13 +14,15 @@ COMMANDS = {
     "report": "write a page about a run or a sweep: film, curves, scores, settings",
     "sweep": "search hyper-parameters, on one machine or a cluster",
     "predict": "detect the markers in ordinary images and print the agent's joint torques",
+    "push_to_hub": "upload a trained agent to the Hugging Face Hub",
+    "load_from_hub": "download one into the log folder",
 }
 
 USAGE = "\n".join(
     [
         "usage: sb3-stereo [--help] [--version] COMMAND ...",
         "",
-        *(f"  {name:<13}{text}" for name, text in COMMANDS.items()),
+        *(f"  {name:<15}{text}" for name, text in COMMANDS.items()),
         "",
         "Each command has its own --help.",
     ]

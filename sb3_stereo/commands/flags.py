@@ -111,6 +111,14 @@ def add_model_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trust", action="store_true", help="load a model from elsewhere, with the code it may hold")
 
 
+def add_repository_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags that choose a repository of the Hugging Face Hub; those of two words are the zoo's."""
+    owner = parser.add_mutually_exclusive_group()
+    owner.add_argument("--repo-id", metavar="OWNER/NAME", help="the repository")
+    owner.add_argument("-orga", "--organization", metavar="OWNER", help="its owner, a person or an organization")
+    parser.add_argument("-name", "--repo-name", metavar="NAME", help="its name, with -orga (default: ALGO-ENV)")
+
+
 def check_device(device: str) -> None:
     """Raise a ConfigError unless torch knows the device and it is there."""
     import torch as th

@@ -4,6 +4,7 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -41,13 +42,37 @@ def create_run(
     Raises:
         ConfigError: If it cannot be written.
     """
-    parent, name = Path(log_folder) / config.algo, env_name(config.env_id)
+    name = env_name(config.env_id)
+    records = partial(_write_records, config=config, args=args, command=sys.orig_argv if command is None else command)
+    return publish_run(log_folder, config.algo, name, lambda draft: records(draft / name), claim)
+
+
+def publish_run(
+    log_folder: str | Path,
+    algo: str,
+    name: str,
+    fill: Callable[[Path], None],
+    claim: Callable[[Path], None] = lambda run: None,
+) -> Path:
+    """Make and return the directory of the next run of an algorithm: it is there with its content, or not at all.
+
+    Args:
+        log_folder: Where the folder of the algorithm is.
+        algo: The algorithm.
+        name: The environment's in file names; the folder of the run's records has it, too.
+        fill: Called with the new directory, in which that folder is, to write what is in them.
+        claim: As in `create_run`.
+
+    Raises:
+        ConfigError: If it cannot be written.
+    """
+    parent = Path(log_folder) / algo
     try:
         parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".new-", dir=parent, ignore_cleanup_errors=True) as scratch:
             draft = Path(scratch) / name
             (draft / name).mkdir(parents=True)
-            _write_records(draft / name, config, args, sys.orig_argv if command is None else command)
+            fill(draft)
             return _numbered(draft, parent, claim)
     except OSError as error:
         raise ConfigError(f"cannot write to '{log_folder}' ({error.strerror}); choose a log folder with -f") from error

@@ -3,6 +3,7 @@
 import io
 import shutil
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,8 +77,7 @@ def export(run: Path, folder: Path = FOLDER, best: bool = False) -> Path:
     target = folder / record.algo / f"{name}_1"
     (target / name).mkdir(parents=True, exist_ok=True)
     source = arguments_file(run)
-    args = {**record.args, "log_folder": "logs"}  # where it was trained is nobody's business
-    write(target / name / source.name, yaml.safe_dump(args, sort_keys=False).encode())
+    write(target / name / source.name, yaml.safe_dump(shareable(record.args), sort_keys=False).encode())
     for file in ("config.yml", "versions.yml"):
         shutil.copyfile(source.with_name(file), target / name / file)
     shutil.copyfile(run / "evaluations.csv", target / "evaluations.csv")
@@ -85,6 +85,15 @@ def export(run: Path, folder: Path = FOLDER, best: bool = False) -> Path:
     write(model, _slim(model_path(run, record.env_id, best)))
     write_checksums(target, [(model.name, sha256(model))])
     return target
+
+
+def shareable(args: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a record's arguments without the places of the machine that trained it.
+
+    What they said of settings is in `config.yml`.
+    """
+    places = ("conf_file", "hyperparams", "env_kwargs", "trained_agent", "resume", "tensorboard_log", "tensorboard")
+    return {**args, **{key: None for key in places if key in args}, "log_folder": "logs"}
 
 
 def _slim(path: Path) -> bytes:

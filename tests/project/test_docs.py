@@ -32,7 +32,7 @@ OURS = re.compile(r"python -m (?:sb3_stereo (\w+)|(benchmarks(?:\.\w+)+))|python
 # Tested in test_sweep_ray.py, test_zoo.py, test_learners.py and test_models.py; the last is what runs the tests.
 OTHERS = re.compile(r"ray |python -m rl_zoo3\.train |python docs/examples/own_learner\.py |cd .* && sha256sum|\.ci/run")
 
-# The last flag of a kind wins. Sweeps and benchmarks are run by their own tests.
+# The last flag of a kind wins. Sweeps, benchmarks and what goes to the Hub are run by their own tests.
 QUICK = ("--num-threads", "1", "--device", "cpu")
 TINY = {
     "train": ("-n", "12", "--eval-freq", "-1", "--n-eval-envs", "1", *QUICK),
