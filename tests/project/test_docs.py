@@ -42,6 +42,7 @@ TINY = {
     "plot": (),
     "report": ("--n-episodes", "1", *QUICK),
     "predict": QUICK,
+    "collect": ("--n-episodes", "1", *QUICK),
 }
 TINY_ASSIGNMENTS = {
     "-params": ("learning_starts:10", "batch_size:4", "buffer_size:50"),
@@ -183,7 +184,7 @@ def tiny(module: str, argv: list[str], folder: Path) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "MINARI_DATASETS_PATH": str(stage / "datasets")}
     ran = []
     for command in ALL:
         if not command.shown or not OURS.match(command.line) or "{urdf" in command.line:  # that one shows an error

@@ -1,0 +1,82 @@
+"""Record episodes as a Minari dataset: `python -m sb3_stereo collect RUN --dataset wam/reach-v0`."""
+
+import argparse
+import sys
+from contextlib import closing
+
+from sb3_stereo import runtime
+from sb3_stereo.commands.flags import (
+    Parser,
+    add_model_flags,
+    add_process_flags,
+    at_least,
+    load_agent,
+    path,
+    run_command,
+)
+from sb3_stereo.config.schema import DEFAULT_ENV
+from sb3_stereo.console import Bar, command_line, print_line
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    parser = Parser(
+        prog=command_line("collect"),
+        description="Play an agent and record its episodes as a Minari dataset: images, actions, rewards, infos.",
+    )
+    agent = parser.add_mutually_exclusive_group()
+    agent.add_argument(
+        "run", nargs="?", type=path, metavar="RUN", help="run directory of the agent (default: the one that ships)"
+    )
+    agent.add_argument(
+        "--pretrained",
+        nargs="?",
+        const=DEFAULT_ENV,
+        default=DEFAULT_ENV,
+        metavar="ENV",
+        help=f"the agent that ships with the package for an environment (default: {DEFAULT_ENV})",
+    )
+    add_model_flags(parser)
+    parser.add_argument(
+        "--dataset",
+        required=True,
+        metavar="NAME",
+        help="the new dataset, e.g. wam/reach-v0; it goes to MINARI_DATASETS_PATH (default: ~/.minari/datasets)",
+    )
+    parser.add_argument("--n-episodes", type=at_least(1), default=100, metavar="N", help="episodes (default: 100)")
+    parser.add_argument("--seed", type=at_least(0), default=0, help="random seed of the first episode (default: 0)")
+    parser.add_argument("--stochastic", action="store_true", help="stochastic actions")
+    parser.add_argument("--author", help="who made the dataset")
+    add_process_flags(parser)
+    return parser
+
+
+def collect_command(args: argparse.Namespace) -> int:
+    """Load the agent, play it and write the dataset."""
+    runtime.tune_allocator()
+    from sb3_stereo.building.factory import make_env
+    from sb3_stereo.config.components import Component
+    from sb3_stereo.runs.pretrained import pretrained_run
+    from sb3_stereo.sharing.dataset import RECORDED, DatasetWriter, collect
+
+    config, _, model = load_agent(args, args.run or pretrained_run("ddpg", args.pretrained))
+    writer = DatasetWriter(args.dataset, config.algo.upper(), args.author)
+    env_fn = make_env(config.env_id, config.env_kwargs, (Component(RECORDED), *config.env_wrapper))
+    with closing(env_fn()) as env, closing(Bar(args.n_episodes, "episode")) as bar:
+        collect(model, env, writer, args.n_episodes, args.seed, not args.stochastic, bar.update)
+    print_line(f"{writer.n_episodes} episodes in the dataset {args.dataset}, {writer.n_successes} reached the target")
+    print_line(f"Load it in Python with: minari.load_dataset({args.dataset!r})")
+    return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse the command line and record.
+
+    Returns:
+        The exit status: 0, 2 after wrong input, 130 after Ctrl-C.
+    """
+    return run_command(collect_command, make_parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
