@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.damping import MAX_EXPLICIT_LOSS, ImplicitDamping, JointSpace, explicit_loss
-from sb3_stereo.envs.joints import make_joints
+from sb3_stereo.envs.joints import MovingJoint, make_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require, require_known
 from sb3_stereo.envs.suction_cup import CUP_LINK, with_suction_cup
@@ -55,7 +55,11 @@ class Arm:
             client.changeDynamics(self.body, self._links[name], mass=0.0, localInertiaDiagonal=(0.0, 0.0, 0.0))
         self._check_motion(list(moving.values()), massless)
         self.cup = self._links.get(CUP_LINK)  # the link's number; None without a suction cup
-        self.joints = make_joints(spec, moving, mimics(robot, path))
+        joints = {
+            name: MovingJoint(info[0], info[8], info[9], info[2] == pybullet.JOINT_PRISMATIC)
+            for name, info in moving.items()
+        }
+        self.joints = make_joints(spec, joints, mimics(robot, path))
         self.actuated, self.limits = self.joints.actuated, self.joints.limits
         self._moving, self._actuated_of_moving = self.joints.moving, self.joints.actuated_of_moving
         self._hand = self._links[spec.end_effector_link]

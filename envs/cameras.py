@@ -1,11 +1,10 @@
-"""Named cameras and their frames, drawn by Bullet's TinyRenderer."""
+"""Named cameras: where they stand and what they see."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -19,15 +18,6 @@ Frame = NDArray[np.uint8]
 
 MAX_SIDE = 4096  # [px], of a frame: 64 MiB
 Pixels = Annotated[Integer, Field(ge=1, le=MAX_SIDE)]
-
-# Mostly ambient: tones stay within a quarter of their nominal luminance, so that shells and markers stay apart.
-LIGHT: dict[str, Any] = {
-    "lightDirection": (1.0, 0.0, 2.0),
-    "lightAmbientCoeff": 0.75,
-    "lightDiffuseCoeff": 0.25,
-    "lightSpecularCoeff": 0.0,
-    "shadow": 0,
-}
 
 
 @explained("camera")
@@ -189,51 +179,3 @@ def mirror_each_other(cameras: Sequence[CameraSpec]) -> bool:
         and (a.horizontal_fov, a.near, a.far) == (b.horizontal_fov, b.near, b.far)
         for a, b in zip(cameras, reversed(cameras))
     )
-
-
-class Camera:
-    """A `CameraSpec` in one Bullet client.
-
-    Args:
-        spec: Where it stands and what it sees.
-        client: A `BulletClient`.
-    """
-
-    def __init__(self, spec: CameraSpec, client: Any) -> None:
-        self._client = client  # asked for its number at every draw: once closed, Bullet gives that to another
-        self.background: tuple[Frame, NDArray[np.float32]] | None = None  # colour and depth
-        self.aim(spec, {})
-
-    def aim(self, spec: CameraSpec, light: Mapping[str, Any]) -> None:
-        """Look from elsewhere, in another light: options of TinyRenderer that differ from `LIGHT`."""
-        self.spec = spec
-        self._options = {
-            "width": spec.width,
-            "height": spec.height,
-            "viewMatrix": spec.view_matrix,
-            "projectionMatrix": spec.projection_matrix,
-            "renderer": pybullet.ER_TINY_RENDERER,
-            **LIGHT,
-            **light,
-        }
-
-    def keep_background(self) -> None:
-        """Remember what is in the picture now; `frame` lays it behind what is drawn later.
-
-        The caller then hides the bodies that never move. Exact for fixed lights and no shadows.
-        """
-        frame, depth, _ = self.draw()
-        self.background = frame.copy(), depth.copy()
-
-    def draw(self) -> tuple[Frame, NDArray[np.float32], NDArray[np.int32]]:
-        """Draw the bodies: colour (height, width, 4) RGBA, depth and body ids (height, width)."""
-        _, _, frame, depth, bodies = pybullet.getCameraImage(**self._options, physicsClientId=self._client.number)
-        return frame, depth, bodies
-
-    def frame(self) -> Frame:
-        """The picture, RGBA, shape (height, width, 4), uint8."""
-        frame, depth, _ = self.draw()
-        if self.background is None:
-            return frame
-        background, background_depth = self.background
-        return np.asarray(cv2.copyTo(background, cv2.compare(background_depth, depth, cv2.CMP_LT), frame), np.uint8)

@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo.envs import rewards
-from sb3_stereo.envs.arm import Arm
-from sb3_stereo.envs.cameras import Camera
+from sb3_stereo.envs.light import Light
 from sb3_stereo.envs.marker_specs import MEASURES, MarkerSpec
 from sb3_stereo.envs.markers import Blobs
-from sb3_stereo.envs.scene import BLUE, RED, add_ball, add_hollow_ball
-from sb3_stereo.envs.sensor import NOTHING, Sensor
+from sb3_stereo.envs.sensor import Sensor
 from sb3_stereo.envs.shadows import Shadow
-from sb3_stereo.envs.simulation import Client
-from sb3_stereo.envs.variation import Light
+from sb3_stereo.envs.simulators import SimulatedArm, SimulatedCamera, SimulatedScene
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -50,34 +47,33 @@ class CameraRig:
     """The cameras, and the markers that they look for.
 
     Args:
-        client: Where the markers are added.
+        scene: Where the markers are.
         cameras: One per view.
         arm: Whose end effector is marked in red.
         markers: What they are, and how they are measured.
     """
 
-    def __init__(self, client: Client, cameras: Sequence[Camera], arm: Arm, markers: MarkerSpec) -> None:
-        self._client, self._cameras, self._arm = client, cameras, arm
-        add_target = add_hollow_ball if markers.hollow_target else add_ball
-        self.radii = arm.spec.marker_radius, markers.target_radius or arm.spec.marker_radius  # [m]
-        self.markers = add_ball(client, RED, self.radii[0]), add_target(client, BLUE, self.radii[1])
+    def __init__(
+        self, scene: SimulatedScene, cameras: Sequence[SimulatedCamera], arm: SimulatedArm, markers: MarkerSpec
+    ) -> None:
+        self._scene, self._cameras, self._arm = scene, cameras, arm
+        self.radii, self.markers = markers.radii(arm.spec), scene.markers
         self._measure = MEASURES[markers.measure]
         self._sensors: tuple[Sensor, ...] | None = None
-        self._floor, self._darkness = NOTHING, 0.0
+        self._darkness = 0.0
         self._shadow: Shadow | None = None
 
-    def use_sensors(self, sensors: tuple[Sensor, ...], floor: int, light: Light, floor_drawn: bool) -> None:
+    def use_sensors(self, sensors: tuple[Sensor, ...], light: Light, floor_drawn: bool) -> None:
         """See through these sensors, one per camera; markers are then known by their bodies, whatever their colour.
 
         Args:
             sensors: One per camera.
-            floor: The floor's body.
             light: Of the scene.
             floor_drawn: Whether there is a floor for its shadow to fall on.
         """
-        self._sensors, self._floor, self._darkness = sensors, floor, light.shadow
+        self._sensors, self._darkness = sensors, light.shadow
         shaded = light.shadow > 0.0 and floor_drawn
-        self._shadow = Shadow(self._client, light.direction, [c.spec for c in self._cameras]) if shaded else None
+        self._shadow = Shadow(self._scene, light.direction, [c.spec for c in self._cameras]) if shaded else None
 
     def _radii_in(self, view: int) -> tuple[float, float]:
         """How large the red and the blue ball look in a view, in [px]."""
@@ -107,17 +103,17 @@ class CameraRig:
     def _see(self) -> list[tuple[Image, Blobs]]:
         """Every view's frame, and where the markers are in it."""
         if self._sensors is None:
-            return [(frame, self.find(n, frame)) for n, frame in enumerate(map(Camera.frame, self._cameras))]
+            return [(frame, self.find(n, frame)) for n, frame in enumerate(camera.frame() for camera in self._cameras)]
         shades: list[Floats] | list[None] = [None] * len(self._cameras)
         if self._shadow is not None:
-            shades = [np.where(mask, 1.0 - self._darkness, 1.0) for mask in self._shadow.masks(self._floor)]
+            shades = [np.where(mask, 1.0 - self._darkness, 1.0) for mask in self._shadow.masks()]
         return [self._sense(n, sensor, shade) for n, (sensor, shade) in enumerate(zip(self._sensors, shades))]
 
     def _sense(self, view: int, sensor: Sensor, shade: Floats | None) -> tuple[Image, Blobs]:
         """What a sensor sees, and where the markers are: known by their bodies."""
         picture, _, bodies = self._cameras[view].draw()
         red, blue = (np.where(bodies == ball, np.uint8(255), np.uint8(0)) for ball in self.markers)
-        return sensor(picture, bodies, self._floor, shade), self.locate(view, red, blue)
+        return sensor(picture, bodies, self._scene.ground, shade), self.locate(view, red, blue)
 
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
         """Take the frames only."""
@@ -140,4 +136,4 @@ class CameraRig:
     def place_markers(self, *positions: Floats) -> None:
         """Put the red marker at the first and the blue one at the second position, (3,) in [m], world."""
         for ball, position in zip(self.markers, positions, strict=True):
-            self._client.resetBasePositionAndOrientation(ball, position.tolist(), (0.0, 0.0, 0.0, 1.0))
+            self._scene.place(ball, position)

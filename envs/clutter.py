@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.cameras import CameraSpec
 
 Floats = NDArray[np.float64]
@@ -18,6 +17,7 @@ RADIUS, HEIGHT = 1.2, 0.9  # [m], around and above the base
 CLEAR = 0.09  # [m] around the target that stay visible
 MAX_DRAWS = 50  # of a place that is not before the target
 AWAY, UPRIGHT = (0.0, 0.0, -100.0), (0.0, 0.0, 0.0, 1.0)  # where things are that are not needed
+KINDS = ("box", "cylinder", "sphere")
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Item:
     """One thing.
 
     Attributes:
-        number: Which of a `Clutter`'s it is: that says its shape and its size.
+        number: Which of the scene's it is: that says its shape and its size.
         position: Of its middle, in [m], world.
         orientation: A quaternion (x, y, z, w).
         colour: Red, green, blue, from 0 to 1.
@@ -40,6 +40,28 @@ class Item:
 def size_of(number: int) -> float:
     """Half of a thing's extent, in [m]."""
     return SIZES[0] + (SIZES[1] - SIZES[0]) * (number * GOLDEN % 1.0)
+
+
+class Shape(NamedTuple):
+    """A thing's shape: one of `KINDS`, and in [m] the radius, or half a side, across and half the height."""
+
+    kind: str
+    across: float
+    height: float
+
+
+def shape_of(number: int) -> Shape:
+    """The shape of a thing."""
+    size = size_of(number)
+    shapes = Shape("box", size, 1.3 * size), Shape("cylinder", 0.6 * size, 1.5 * size), Shape("sphere", size, size)
+    return shapes[number % len(shapes)]
+
+
+def where_of(items: Sequence[Item], n_things: int) -> list[tuple[tuple[float, ...], tuple[float, ...], Item | None]]:
+    """Position, orientation and, if it is shown, the item of each of a scene's things."""
+    wanted = {item.number: item for item in items}
+    found = [wanted.get(number) for number in range(n_things)]
+    return [(AWAY, UPRIGHT, None) if item is None else (item.position, item.orientation, item) for item in found]
 
 
 def draw_items(
@@ -74,36 +96,3 @@ def _draw_place(room: float, rng: np.random.Generator, views: Sequence[CameraSpe
         if min(gaps) >= room:
             return place
     return None
-
-
-class Clutter:
-    """The things in one Bullet client. They are made at once: a saved state must have the bodies of the world.
-
-    Args:
-        client: A `BulletClient`.
-        n_things: How many there are.
-    """
-
-    def __init__(self, client: Any, n_things: int) -> None:
-        self._client = client
-        self._bodies = [self._add(number) for number in range(n_things)]
-
-    def place(self, items: Sequence[Item]) -> None:
-        """Show these things and no others."""
-        wanted = {item.number: item for item in items}
-        for number, body in enumerate(self._bodies):
-            item = wanted.get(number)
-            place = (AWAY, UPRIGHT) if item is None else (item.position, item.orientation)
-            self._client.resetBasePositionAndOrientation(body, *place)
-            if item is not None:
-                self._client.changeVisualShape(body, -1, rgbaColor=(*item.colour, 1.0))
-
-    def _add(self, number: int) -> int:
-        size = size_of(number)
-        shapes: list[dict[str, Any]] = [
-            {"shapeType": pybullet.GEOM_BOX, "halfExtents": (size, size, 1.3 * size)},
-            {"shapeType": pybullet.GEOM_CYLINDER, "radius": 0.6 * size, "length": 3 * size},
-            {"shapeType": pybullet.GEOM_SPHERE, "radius": size},
-        ]
-        shape = self._client.createVisualShape(**shapes[number % len(shapes)])
-        return int(self._client.createMultiBody(baseVisualShapeIndex=shape, basePosition=AWAY))

@@ -1,14 +1,13 @@
 """Which joints of an arm are actuated, which follow them, and where the others are held."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require
 from sb3_stereo.envs.urdf import Mimic
@@ -18,12 +17,21 @@ Floats = NDArray[np.float64]
 ROUNDING = 1e-9  # [rad] or [m]
 
 
+class MovingJoint(NamedTuple):
+    """A joint as a simulator knows it; positions are in [rad] or [m]."""
+
+    number: int
+    low: float  # lowest position; no limit unless it is below the highest
+    high: float
+    slides: bool
+
+
 @dataclass(frozen=True)
 class Joints:
     """The moving joints: their positions are gearing @ those of the actuated ones + offsets.
 
     Attributes:
-        moving: As Bullet counts them.
+        moving: As the simulator counts them.
         actuated: In the order of the action.
         geared: Those that mimic an actuated one, as (joint, leader, what it mimics).
         gearing: Shape (n_moving, n_joints).
@@ -59,12 +67,12 @@ class Joints:
         return [joint for joint in self.moving if joint not in led]
 
 
-def make_joints(spec: ArmSpec, moving: Mapping[str, Sequence[Any]], mimics: Mapping[str, Mimic]) -> Joints:
+def make_joints(spec: ArmSpec, moving: Mapping[str, MovingJoint], mimics: Mapping[str, Mimic]) -> Joints:
     """Sort the moving joints.
 
     Args:
         spec: The arm.
-        moving: What `getJointInfo` tells of them, by name.
+        moving: The moving joints by name, as the simulator orders them.
         mimics: What the mimic joints among them follow.
 
     Raises:
@@ -72,8 +80,8 @@ def make_joints(spec: ArmSpec, moving: Mapping[str, Sequence[Any]], mimics: Mapp
     """
     names, file = list(moving), quoted(spec.urdf)
     gearing, offsets = np.zeros((len(names), len(spec.joints))), np.zeros(len(names))
-    stops, rest, geared = [_stops(moving[joint]) for joint in spec.joints], dict(spec.rest), []
-    for row, (name, info) in enumerate(moving.items()):
+    stops, rest, geared = [_stops(moving[name]) for name in spec.joints], dict(spec.rest), []
+    for row, (name, joint) in enumerate(moving.items()):
         mimic = mimics.get(name)
         if name in spec.joints:
             way_out = f"put {quoted(mimic and mimic.leader)} in its place"
@@ -86,33 +94,32 @@ def make_joints(spec: ArmSpec, moving: Mapping[str, Sequence[Any]], mimics: Mapp
             require(name not in rest, f"{what}; leave it out, as it follows by itself")
             leader = spec.joints.index(mimic.leader)
             gearing[row, leader], offsets[row] = mimic.multiplier, mimic.offset
-            stops[leader] = _narrowed(stops[leader], mimic, info, name)
-            geared.append((info[0], moving[mimic.leader][0], mimic))
+            stops[leader] = _narrowed(stops[leader], mimic, joint, name)
+            geared.append((joint.number, moving[mimic.leader].number, mimic))
         else:
             offsets[row] = _held_at(name, mimic, rest)
-            _check_rest(name, float(offsets[row]), info, mimic, given=name in rest)
+            _check_rest(name, float(offsets[row]), joint, mimic, given=name in rest)
     return Joints(
-        moving=[info[0] for info in moving.values()],
-        actuated=[moving[joint][0] for joint in spec.joints],
+        moving=[joint.number for joint in moving.values()],
+        actuated=[moving[name].number for name in spec.joints],
         geared=geared,
         gearing=gearing,
         offsets=offsets,
         stops=np.array(stops),
-        sliding=tuple(moving[joint][2] == pybullet.JOINT_PRISMATIC for joint in spec.joints),
+        sliding=tuple(moving[name].slides for name in spec.joints),
     )
 
 
-def _stops(info: Sequence[Any]) -> tuple[float, float]:
-    """Lower and upper limit of a joint; Bullet's have none unless the lower one is below the upper."""
-    low, high = info[8:10]
-    return (low, high) if low < high else (-math.inf, math.inf)
+def _stops(joint: MovingJoint) -> tuple[float, float]:
+    """Lower and upper limit of a joint, infinite without one."""
+    return (joint.low, joint.high) if joint.low < joint.high else (-math.inf, math.inf)
 
 
-def _narrowed(stops: tuple[float, float], mimic: Mimic, info: Sequence[Any], name: str) -> tuple[float, float]:
+def _narrowed(stops: tuple[float, float], mimic: Mimic, joint: MovingJoint, name: str) -> tuple[float, float]:
     """Stops of a joint that keep what mimics it inside its own."""
     if mimic.multiplier == 0.0:
         return stops
-    low, high = sorted((bound - mimic.offset) / mimic.multiplier for bound in _stops(info))
+    low, high = sorted((bound - mimic.offset) / mimic.multiplier for bound in _stops(joint))
     both = max(low, stops[0]), min(high, stops[1])
     leader = f"joint {quoted(mimic.leader)} has no position in its limits that"
     require(both[0] < both[1], f"{leader} puts {quoted(name)}, which mimics it, into its own; check both")
@@ -129,9 +136,9 @@ def _held_at(name: str, mimic: Mimic | None, rest: Mapping[str, float]) -> float
     return position
 
 
-def _check_rest(name: str, position: float, info: Sequence[Any], mimic: Mimic | None, given: bool) -> None:
-    """Bullet would push a joint into its limits, and the arm with it."""
-    low, high = info[8:10]
+def _check_rest(name: str, position: float, joint: MovingJoint, mimic: Mimic | None, given: bool) -> None:
+    """A simulator would push a joint into its limits, and the arm with it."""
+    low, high = joint.low, joint.high
     limited = low < high or low == high != 0.0
     if limited and not low - ROUNDING <= position <= high + ROUNDING:
         by_default = "" if given or mimic else ", as rest does not name it"

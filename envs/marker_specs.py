@@ -15,7 +15,7 @@ from sb3_stereo.envs.specs import require_known
 from sb3_stereo.envs.validation import STRICT, Flag, PositiveQuantity, Quantity, Text, explained, from_map
 
 Frame = NDArray[np.uint8]
-Radii = tuple[float, float]  # how large the red and the blue ball look, in [px]
+Radii = tuple[float, float]  # of the red and the blue ball; as they look, in [px]
 
 
 class Measure(NamedTuple):
@@ -64,6 +64,10 @@ class MarkerSpec:
         x, y, z = arm.end_effector_offset
         radius = arm.marker_radius if self.end_effector_radius is None else self.end_effector_radius
         return replace(arm, end_effector_offset=(x, y, z + self.standoff), marker_radius=radius)
+
+    def radii(self, arm: ArmSpec) -> Radii:
+        """Of the red and the blue ball of the arm that carries them, in [m]."""
+        return arm.marker_radius, self.target_radius or arm.marker_radius
 
 
 SOLID = MarkerSpec()

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.arm import Arm
+from sb3_stereo.envs.simulators import SimulatedArm
 
 Floats = NDArray[np.float64]
 
@@ -12,7 +12,7 @@ TINY = 1e-3  # [m] between a link and its mirror image that is the same place
 N_POSES = 5  # random ones, and their mirror images
 
 
-def mirrored_joints(arm: Arm) -> tuple[str, ...] | None:
+def mirrored_joints(arm: SimulatedArm) -> tuple[str, ...] | None:
     """Return the specification's `mirrored_joints`, or None if the arm is not mounted so that they mirror it."""
     spec = arm.spec
     if spec.mirrored_joints is None or spec.base_position[1] != 0.0:
@@ -25,7 +25,7 @@ def mirrored_joints(arm: Arm) -> tuple[str, ...] | None:
     return spec.mirrored_joints if mirrors(arm, signs, poses) else None
 
 
-def mirrors(arm: Arm, signs: Floats, poses: Floats) -> bool:
+def mirrors(arm: SimulatedArm, signs: Floats, poses: Floats) -> bool:
     """Whether changing the joints' signs mirrors the places of the links, in every pose.
 
     Args:

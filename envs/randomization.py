@@ -13,10 +13,11 @@ from pydantic_core import PydanticCustomError
 
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.clutter import draw_items
+from sb3_stereo.envs.light import Light
 from sb3_stereo.envs.sensor import Sensor, draw_picture, floor_pattern
 from sb3_stereo.envs.specs import as_number, plain, quoted, require, require_known
 from sb3_stereo.envs.validation import STRICT, Quantity, explained, from_map
-from sb3_stereo.envs.variation import Light, Variation
+from sb3_stereo.envs.variation import Variation
 
 Floats = NDArray[np.float64]
 

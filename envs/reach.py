@@ -28,10 +28,10 @@ from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.randomization import Randomization, plain_randomization, randomization
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
+from sb3_stereo.envs.simulators import world_class
 from sb3_stereo.envs.specs import plain, quoted, require
 from sb3_stereo.envs.validation import Integer, fit
 from sb3_stereo.envs.viewed import ViewedEnv
-from sb3_stereo.envs.world import World
 
 PulseWatcher = tuple[Callable[[list[float]], object], int]  # what it calls with the efforts [N m], and parts of a pulse
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
@@ -49,6 +49,8 @@ class StereoReachEnv(ViewedEnv):
 
     Args:
         render_mode: None, "rgb_array" (all views side by side), or "human" (Bullet's window; needs a display).
+        simulator: Who moves the arm and draws the views: "bullet" (PyBullet), or "mujoco" (extra `mujoco`), see
+            docs/environment.md.
         arm: The robot: an `ArmSpec`, a map of its fields, "wam", "kuka", "panda", or the path of a YAML file.
         n_joints: How many of the arm's joints are actuated, 4 to 7 of the WAM's in their order; None for the arm's own.
         cameras: The views, in the order of the composite: `CameraSpec`s, maps of their fields, or "left" and "right"
@@ -90,6 +92,7 @@ class StereoReachEnv(ViewedEnv):
     Raises:
         ValueError: If an argument makes no task.
         RuntimeError: If "human" is asked for and there is no display.
+        ImportError: If the simulator's package is missing.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's own type)
@@ -98,6 +101,7 @@ class StereoReachEnv(ViewedEnv):
         self,
         render_mode: str | None = None,
         *,
+        simulator: str = "bullet",
         arm: ArmSpec | Mapping[str, Any] | str = WAM,
         n_joints: int | None = None,
         cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str = ("left", "right"),
@@ -120,6 +124,7 @@ class StereoReachEnv(ViewedEnv):
         randomize: Randomization | Mapping[str, Any] | str | None = None,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
+        make_world = world_class(simulator)
         rho, distance_scale = fit(rho, Positive, "rho"), fit(distance_scale, Positive, "distance_scale")
         physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
         check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
@@ -144,7 +149,7 @@ class StereoReachEnv(ViewedEnv):
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
         self.pulse_watchers: list[PulseWatcher] = []
         self.randomization = randomization(randomize)
-        self._world = World(
+        self._world = make_world(
             spec,
             views,
             marks,

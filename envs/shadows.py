@@ -1,4 +1,4 @@
-"""Shadows on the floor: TinyRenderer's own darken everything alike, and so they are drawn here.
+"""Shadows on the floor, the same in every simulator. (TinyRenderer's own darken everything alike.)
 
 A camera far away, where the light comes from, sees what is lit. A point of the floor is in the shadow if that camera
 sees a body in its place.
@@ -6,13 +6,13 @@ sees a body in its place.
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.cameras import Camera, CameraSpec
+from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.sensor import NOTHING, floor_points
+from sb3_stereo.envs.simulators import SimulatedScene
 
 Floats = NDArray[np.float64]
 
@@ -25,23 +25,19 @@ class Shadow:
     """The shadow in one light.
 
     Args:
-        client: A `BulletClient`.
+        scene: What casts it.
         direction: Where the light comes from, shape (3,), world.
         views: The cameras that see the floor.
     """
 
-    def __init__(self, client: Any, direction: Sequence[float], views: Sequence[CameraSpec]) -> None:
-        self._light = Camera(light_camera(direction), client)
+    def __init__(self, scene: SimulatedScene, direction: Sequence[float], views: Sequence[CameraSpec]) -> None:
+        self._ground, self._light = scene.ground, scene.camera(light_camera(direction))
         self._pixels = [self._pixels_of(view) for view in views]
 
-    def masks(self, floor: int) -> list[NDArray[np.bool_]]:
-        """Where each view's pixels, if they show the floor, are in the shadow, (height, width) each.
-
-        Args:
-            floor: The floor's body, which casts none.
-        """
+    def masks(self) -> list[NDArray[np.bool_]]:
+        """Where each view's pixels, if they show the floor, are in the shadow, (height, width) each."""
         _, _, bodies = self._light.draw()
-        casting = np.pad((bodies != NOTHING) & (bodies != floor), 1)  # beyond its picture nothing casts
+        casting = np.pad((bodies != NOTHING) & (bodies != self._ground), 1)  # beyond its picture nothing casts
         return [casting[rows, columns] for rows, columns in self._pixels]
 
     def _pixels_of(self, view: CameraSpec) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

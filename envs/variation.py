@@ -1,40 +1,16 @@
 """One episode's world, as drawn by `Randomization`."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_stereo.envs.cameras import LIGHT, CameraSpec
+from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.clutter import Item
+from sb3_stereo.envs.light import Light
 from sb3_stereo.envs.sensor import Sensor
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Light:
-    """Light of the scene.
-
-    Attributes:
-        ambient: Share that comes from everywhere; the rest comes from one direction.
-        direction: Where that is, shape (3,), world.
-        shadow: Share of the floor's light that is lost in a shadow on it.
-    """
-
-    ambient: float = LIGHT["lightAmbientCoeff"]
-    direction: tuple[float, ...] = LIGHT["lightDirection"]
-    shadow: float = 0.0
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """What TinyRenderer takes."""
-        return {
-            "lightDirection": self.direction,
-            "lightAmbientCoeff": self.ambient,
-            "lightDiffuseCoeff": 1.0 - self.ambient,
-        }
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sb3_stereo.envs.arguments import vector
-from sb3_stereo.envs.arm import Arm
-from sb3_stereo.envs.cameras import Camera, CameraSpec
+from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.capture import Floats, Image
 from sb3_stereo.envs.lifecycle import SimulatedEnv
 from sb3_stereo.envs.markers import Blobs
+from sb3_stereo.envs.simulators import SimulatedArm, SimulatedCamera
 from sb3_stereo.envs.world import SHOWROOM
 
 
@@ -19,12 +19,12 @@ class ViewedEnv(SimulatedEnv):
     _default_target: Floats
 
     @property
-    def arm(self) -> Arm:
+    def arm(self) -> SimulatedArm:
         """The arm."""
         return self._world.arm
 
     @property
-    def cameras(self) -> tuple[Camera, ...]:
+    def cameras(self) -> tuple[SimulatedCamera, ...]:
         """The views, in the order of the composite."""
         return self._world.cameras
 

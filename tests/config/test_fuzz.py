@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import Config, load_config, parse_config
 from sb3_stereo.envs.arm import Arm
-from sb3_stereo.envs.cameras import STEREO_PAIR, Camera, CameraSpec, camera_specs
+from sb3_stereo.envs.bullet_camera import Camera
+from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, camera_specs
 from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulation import Client

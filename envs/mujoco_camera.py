@@ -1,0 +1,130 @@
+"""A camera's frames, drawn by MuJoCo's renderer."""
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.cameras import CameraSpec
+from sb3_stereo.envs.light import Light
+from sb3_stereo.envs.mujoco_binding import mujoco, use_opengl
+from sb3_stereo.envs.sensor import NOTHING
+
+Frame = NDArray[np.uint8]
+
+
+class Renderer:
+    """What draws one simulation.
+
+    Args:
+        model: MuJoCo's `MjModel`.
+        data: Its `MjData`.
+    """
+
+    def __init__(self, model: Any, data: Any) -> None:
+        use_opengl()
+        self._model, self._data = model, data
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 1)
+        self._options, self._no_camera = mujoco.MjvOption(), mujoco.MjvCamera()
+        self._pixels = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._pixels)
+        for effect in ("SHADOW", "REFLECTION", "HAZE", "FOG"):
+            self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{effect}")] = False
+        self._size = self._pixels.offWidth, self._pixels.offHeight
+
+    def close(self) -> None:
+        """Free what OpenGL holds."""
+        use_opengl()
+        self._pixels.free()
+
+    def draw(self, spec: CameraSpec, light: Light, depth: Frame | None = None) -> Frame:
+        """Draw the bodies as they stand: RGB, (height, width, 3), the lowest row first.
+
+        Args:
+            spec: The camera.
+            light: In which it sees them.
+            depth: Where their depth is written, (height, width), float32, unless it is None.
+        """
+        self._look(spec, light)
+        return self._read(spec, depth)
+
+    def bodies(self, spec: CameraSpec) -> NDArray[np.int32]:
+        """Which body each pixel of the camera shows, (height, width), the lowest row first."""
+        self._look(spec, Light())
+        flags, segment, colour = self._scene.flags, mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR
+        flags[segment] = flags[colour] = True
+        try:
+            numbers = self._read(spec).astype(np.int32) @ np.array([1, 256, 65536], np.int32)
+        finally:
+            flags[segment] = flags[colour] = False
+        of_shape = np.full(self._scene.ngeom + 1, NOTHING, np.int32)
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            of_shape[geom.segid + 1] = self._model.geom_bodyid[geom.objid]
+        return np.asarray(of_shape[numbers], np.int32)
+
+    def _look(self, spec: CameraSpec, light: Light) -> None:
+        """Put bodies, light and camera into the scene."""
+        model, data, scene = self._model, self._data, self._scene
+        mujoco.mj_kinematics(model, data)
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(model, data, self._options, None, self._no_camera, everything, scene)
+        (lamp,) = scene.lights[: scene.nlight]
+        lamp.dir = -np.array(light.direction) / np.linalg.norm(light.direction)
+        lamp.ambient, lamp.diffuse, lamp.specular = [light.ambient] * 3, [1.0 - light.ambient] * 3, [0.0] * 3
+        forward = np.subtract(spec.target, spec.position)
+        forward /= np.linalg.norm(forward)
+        up = np.cross(np.cross(forward, spec.up), forward)
+        top = spec.near * math.tan(spec.horizontal_fov / 2) * spec.height / spec.width
+        for eye in scene.camera:  # both, and MuJoCo draws from between them
+            eye.pos, eye.forward, eye.up = spec.position, forward, up / np.linalg.norm(up)
+            eye.frustum_center, eye.frustum_bottom, eye.frustum_top = 0.0, -top, top
+            eye.frustum_near, eye.frustum_far, eye.orthographic = spec.near, spec.far, 0
+
+    def _read(self, spec: CameraSpec, depth: Any = None) -> Frame:
+        use_opengl()
+        self._make_room(spec.width, spec.height)
+        view, pixels = mujoco.MjrRect(0, 0, spec.width, spec.height), self._pixels
+        mujoco.mjr_render(view, self._scene, pixels)
+        frame = np.empty((spec.height, spec.width, 3), np.uint8)
+        mujoco.mjr_readPixels(frame, depth, view, pixels)
+        return frame
+
+    def _make_room(self, width: int, height: int) -> None:
+        size = max(self._size[0], width), max(self._size[1], height)
+        if size != self._size:
+            mujoco.mjr_resizeOffscreen(*size, self._pixels)
+            self._size = size
+
+
+class MujocoCamera:
+    """A `CameraSpec` in one MuJoCo simulation.
+
+    Args:
+        spec: Where it stands and what it sees.
+        renderer: What draws it.
+    """
+
+    def __init__(self, spec: CameraSpec, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self.aim(spec, Light())
+
+    def aim(self, spec: CameraSpec, light: Light) -> None:
+        """Look from elsewhere, in another light."""
+        self.spec, self._light = spec, light
+
+    def draw(self) -> tuple[Frame, NDArray[np.float32], NDArray[np.int32]]:
+        """Draw the bodies: colour (height, width, 4) RGBA, depth and body ids (height, width)."""
+        depth = np.empty((self.spec.height, self.spec.width), np.float32)
+        picture = self._renderer.draw(self.spec, self._light, depth)
+        return _upright(picture), np.flipud(depth), np.flipud(self._renderer.bodies(self.spec))
+
+    def frame(self) -> Frame:
+        """The picture, RGBA, shape (height, width, 4), uint8."""
+        return _upright(self._renderer.draw(self.spec, self._light))
+
+
+def _upright(picture: Frame) -> Frame:
+    """RGB from the lowest row on as RGBA from the highest row on."""
+    return np.asarray(cv2.cvtColor(cv2.flip(picture, 0), cv2.COLOR_RGB2RGBA), np.uint8)
