@@ -22,12 +22,16 @@ _GOAL_KWARGS_OF: dict[str, dict[str, object]] = {
     for name in ("Wam", "Kuka", "Panda")
 }
 GOAL_ENV_IDS = tuple(_GOAL_KWARGS_OF)
+# The same task in another simulator, by the id in Bullet: what is learnt in one can be played in the other.
+TWIN_OF = {f"{name}StereoReachMujoco-v0": f"{name}StereoReach-v1" for name in ("Wam", "Kuka", "Panda")}
+_MUJOCO_KWARGS_OF = {env_id: {**_KWARGS_OF[twin], "simulator": "mujoco"} for env_id, twin in TWIN_OF.items()}
+MUJOCO_ENV_IDS = tuple(TWIN_OF)
 MAX_EPISODE_STEPS = 30  # the paper's DQN rows fit failures counted as 25 to 30 steps; a guess of ours
 
 
 def register_envs() -> None:
-    """Register every id of `ENV_IDS` and `GOAL_ENV_IDS` with Gymnasium, once."""
-    for env_id, kwargs in {**_KWARGS_OF, **_GOAL_KWARGS_OF}.items():
+    """Register every id of `ENV_IDS`, `GOAL_ENV_IDS` and `MUJOCO_ENV_IDS` with Gymnasium, once."""
+    for env_id, kwargs in {**_KWARGS_OF, **_GOAL_KWARGS_OF, **_MUJOCO_KWARGS_OF}.items():
         if env_id not in registry:
             goals = env_id in GOAL_ENV_IDS
             register(

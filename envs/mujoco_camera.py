@@ -13,6 +13,7 @@ from sb3_stereo.envs.mujoco_binding import mujoco, use_opengl
 from sb3_stereo.envs.sensor import NOTHING
 
 Frame = NDArray[np.uint8]
+Depth = NDArray[np.float32]
 
 
 class Renderer:
@@ -29,9 +30,9 @@ class Renderer:
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 1)
         self._options, self._no_camera = mujoco.MjvOption(), mujoco.MjvCamera()
         self._pixels = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._pixels)
-        for effect in ("SHADOW", "REFLECTION", "HAZE", "FOG"):
-            self._scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{effect}")] = False
+        flags = mujoco.mjtRndFlag
+        for effect in (flags.mjRND_SHADOW, flags.mjRND_REFLECTION, flags.mjRND_HAZE, flags.mjRND_SKYBOX):
+            self._scene.flags[effect] = False
         self._size = self._pixels.offWidth, self._pixels.offHeight
 
     def close(self) -> None:
@@ -39,16 +40,15 @@ class Renderer:
         use_opengl()
         self._pixels.free()
 
-    def draw(self, spec: CameraSpec, light: Light, depth: Frame | None = None) -> Frame:
-        """Draw the bodies as they stand: RGB, (height, width, 3), the lowest row first.
-
-        Args:
-            spec: The camera.
-            light: In which it sees them.
-            depth: Where their depth is written, (height, width), float32, unless it is None.
+    def draw(self, spec: CameraSpec, light: Light) -> tuple[Frame, Depth]:
+        """Draw the bodies as they stand before white: RGB, (height, width, 3), and their depth, (height, width), both
+        the lowest row first.
         """
         self._look(spec, light)
-        return self._read(spec, depth)
+        frame, depth = self._read(spec)
+        # A sky of MuJoCo's would hide what is further away than 0.6 of the far plane.
+        nothing = np.multiply(depth >= 1.0, 255, dtype=np.uint8)
+        return np.asarray(cv2.bitwise_or(frame, cv2.cvtColor(nothing, cv2.COLOR_GRAY2RGB)), np.uint8), depth
 
     def bodies(self, spec: CameraSpec) -> NDArray[np.int32]:
         """Which body each pixel of the camera shows, (height, width), the lowest row first."""
@@ -56,7 +56,7 @@ class Renderer:
         flags, segment, colour = self._scene.flags, mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR
         flags[segment] = flags[colour] = True
         try:
-            numbers = self._read(spec).astype(np.int32) @ np.array([1, 256, 65536], np.int32)
+            numbers = self._read(spec)[0].astype(np.int32) @ np.array([1, 256, 65536], np.int32)
         finally:
             flags[segment] = flags[colour] = False
         of_shape = np.full(self._scene.ngeom + 1, NOTHING, np.int32)
@@ -82,14 +82,15 @@ class Renderer:
             eye.frustum_center, eye.frustum_bottom, eye.frustum_top = 0.0, -top, top
             eye.frustum_near, eye.frustum_far, eye.orthographic = spec.near, spec.far, 0
 
-    def _read(self, spec: CameraSpec, depth: Any = None) -> Frame:
+    def _read(self, spec: CameraSpec) -> tuple[Frame, Depth]:
         use_opengl()
         self._make_room(spec.width, spec.height)
         view, pixels = mujoco.MjrRect(0, 0, spec.width, spec.height), self._pixels
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, pixels)  # another simulation's may be in use
         mujoco.mjr_render(view, self._scene, pixels)
-        frame = np.empty((spec.height, spec.width, 3), np.uint8)
+        frame, depth = np.empty((spec.height, spec.width, 3), np.uint8), np.empty((spec.height, spec.width), np.float32)
         mujoco.mjr_readPixels(frame, depth, view, pixels)
-        return frame
+        return frame, depth
 
     def _make_room(self, width: int, height: int) -> None:
         size = max(self._size[0], width), max(self._size[1], height)
@@ -114,15 +115,14 @@ class MujocoCamera:
         """Look from elsewhere, in another light."""
         self.spec, self._light = spec, light
 
-    def draw(self) -> tuple[Frame, NDArray[np.float32], NDArray[np.int32]]:
+    def draw(self) -> tuple[Frame, Depth, NDArray[np.int32]]:
         """Draw the bodies: colour (height, width, 4) RGBA, depth and body ids (height, width)."""
-        depth = np.empty((self.spec.height, self.spec.width), np.float32)
-        picture = self._renderer.draw(self.spec, self._light, depth)
+        picture, depth = self._renderer.draw(self.spec, self._light)
         return _upright(picture), np.flipud(depth), np.flipud(self._renderer.bodies(self.spec))
 
     def frame(self) -> Frame:
         """The picture, RGBA, shape (height, width, 4), uint8."""
-        return _upright(self._renderer.draw(self.spec, self._light))
+        return _upright(self._renderer.draw(self.spec, self._light)[0])
 
 
 def _upright(picture: Frame) -> Frame:

@@ -15,7 +15,8 @@ from sb3_stereo.envs.mujoco_binding import mujoco
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import BLUE, FLOOR_HALF_EXTENTS, GREY, RED, sphere
 from sb3_stereo.envs.specs import quoted, require, require_known
-from sb3_stereo.envs.urdf import find_mesh, mimics, read_urdf, urdf_path, without_inertia
+from sb3_stereo.envs.suction_cup import with_suction_cup
+from sb3_stereo.envs.urdf import mesh_file, mimics, read_urdf, urdf_path, without_inertia
 
 MESHES = (".obj", ".stl", ".msh")  # that MuJoCo reads
 NOTHING_MUCH = 1e-9  # [kg] and [kg m^2], of a link without an inertia: MuJoCo moves nothing that weighs nothing
@@ -61,9 +62,11 @@ def build_model(arm: ArmSpec, around: Around, physics_rate: float) -> Model:
     """
     with urdf_path(arm.urdf) as path:
         robot = read_urdf(path)
-        following = mimics(robot, path)
-        massless = without_inertia(robot)
-        spec = _load(robot, path)
+        with with_suction_cup(arm, path, robot) as extended:
+            robot = read_urdf(extended)
+            following = mimics(robot, path)
+            massless = without_inertia(robot)
+            spec = _load(robot, extended)
     links = tuple(body.name for body in spec.bodies if body.name != "world")
     _check_names(arm, [joint.name for joint in spec.joints], links)
     _set_up_links(spec, arm, links, massless)
@@ -82,6 +85,8 @@ def _load(robot: ET.Element, path: str) -> Any:
     for joint in robot.iterfind("joint"):
         for mimic in joint.findall("mimic"):
             joint.remove(mimic)
+    own = all(link.get("name") != "world" for link in robot.iterfind("link"))
+    require(own, f"link 'world' of {quoted(path)} has the name of MuJoCo's own; rename it")
     meshes = _rename_meshes(robot, path)
     for extension in robot.findall("mujoco"):
         robot.remove(extension)
@@ -119,7 +124,7 @@ def _rename_meshes(robot: ET.Element, path: str) -> dict[str, bytes]:
         key = file, mesh.get("scale", "")
         if key not in names:
             names[key] = f"{len(names)}{ending}"
-            found = find_mesh(file, path)
+            found = mesh_file(file, path)
             assert found is not None  # `read_urdf` has seen to it
             files[names[key]] = Path(found).read_bytes()
         mesh.set("filename", names[key])
@@ -180,14 +185,10 @@ def _add_surroundings(spec: Any, around: Around) -> None:
         size = (across, height, 0.0) if kind == "cylinder" else (across, across, height)
         name = THING.format(number)
         world.add_body(name=name, mocap=True, pos=AWAY).add_geom(type=kinds[kind], size=size, **looks)
-    # One light, of which the cameras tell the rest, and white where nothing is.
+    # One light, of which the cameras tell the rest.
     world.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=False)
     spec.visual.headlight.active = 0
     spec.visual.quality.offsamples = 0  # a pixel shows one body
-    flat, white = mujoco.mjtBuiltin.mjBUILTIN_FLAT, [1.0, 1.0, 1.0]
-    spec.add_texture(
-        name=".sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=flat, rgb1=white, rgb2=white, width=2, height=12
-    )
 
 
 def _moving(compiled: Any, arm: ArmSpec) -> dict[str, MovingJoint]:

@@ -4,7 +4,7 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from sb3_stereo.commands.flags import (
 )
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.errors import ConfigError, setting_up
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -47,6 +47,8 @@ def make_parser() -> argparse.ArgumentParser:
         help=f"the agent that ships with the package for an environment (default: {DEFAULT_ENV})",
     )
     add_model_flags(parser)
+    parser.add_argument("--env", metavar="ID", help="play another environment than the run's, with its arguments")
+    parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
     parser.add_argument("--poses", type=at_least(0), default=0, metavar="N", help="use N random poses instead")
     parser.add_argument(
         "--seed", type=at_least(0), default=0, metavar="S", help="random seed of these poses (default: 0)"
@@ -86,6 +88,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     check_output(args)
     run = args.run or pretrained_run("ddpg", args.pretrained)
     config, path, model = load_agent(args, run)
+    config = moved(config, model, args)
     initial_states = (
         random_initial_states(args.poses, args.seed)
         if args.poses
@@ -108,6 +111,33 @@ def evaluate_command(args: argparse.Namespace) -> int:
         bar.close()
     print(json.dumps(json_scores(result.scores())) if args.json else f"{path}: {describe(result)}")
     return 0
+
+
+def moved(config: "Config", model: "BaseAlgorithm", args: argparse.Namespace) -> "Config":
+    """The run's configuration with the environment that the flags choose.
+
+    Raises:
+        ConfigError: If the agent does not fit there.
+    """
+    from sb3_stereo.building.factory import make_env
+    from sb3_stereo.config.schema import check_env_id, check_env_kwargs
+    from sb3_stereo.config.values import parse_assignments
+
+    if args.env is None and args.env_kwargs is None:
+        return config
+    env_id = args.env or config.env_id
+    check_env_id(env_id)
+    env_kwargs = check_env_kwargs(env_id, {**config.env_kwargs, **parse_assignments(args.env_kwargs)})
+    changed = replace(config, env_id=env_id, env_kwargs=env_kwargs)
+    with setting_up(env_id):
+        env = make_env(env_id, env_kwargs, config.env_wrapper)()
+    env.close()
+    for what in ("observation_space", "action_space"):
+        theirs, own = getattr(env, what), getattr(model, what)
+        if theirs != own:
+            name = what.replace("_", " ")
+            raise ConfigError(f"the {name} of {env_id} is {theirs}, and the agent's {own}; choose another environment")
+    return changed
 
 
 def check_output(args: argparse.Namespace) -> None:

@@ -11,10 +11,10 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
-from sb3_stereo import ENV_IDS
 from sb3_stereo.building.factory import make_env
 from sb3_stereo.building.workers import close, deaths_are_errors
 from sb3_stereo.config.components import Component
+from sb3_stereo.envs import ENV_IDS, TWIN_OF
 from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ eval_poses.__test__ = False  # type: ignore[attr-defined] # pytest would take it
 
 def _test_table(env_id: str) -> tuple[np.ndarray, np.ndarray | None]:
     """The poses, and the targets (100, 3) in [m] if the environment's are drawn."""
-    file = resources.files("sb3_stereo.envs") / "assets" / "test_poses" / f"{env_id}.csv"
+    file = resources.files("sb3_stereo.envs") / "assets" / "test_poses" / f"{TWIN_OF.get(env_id, env_id)}.csv"
     if not file.is_file():
         raise ConfigError(f"no test poses for '{env_id}'; use random ones with --poses N --seed S")
     rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
@@ -165,7 +165,7 @@ def random_initial_states(n: int, seed: int) -> list[InitialState]:
 
 def eval_initial_states(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[InitialState]:
     """Return the fixed initial states of an evaluation: our test poses; for other arms or tasks, 100 seeded resets."""
-    if env_id in ENV_IDS and not {"arm", "n_joints"} & set(env_kwargs or {}):
+    if env_id in (*ENV_IDS, *TWIN_OF) and not {"arm", "n_joints"} & set(env_kwargs or {}):
         return pose_initial_states(*_test_table(env_id))
     return random_initial_states(N_TEST_POSES, seed=0)
 

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -187,7 +188,9 @@ def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> 
     environment = os.environ | {"PYTHONPATH": str(ROOT), "MINARI_DATASETS_PATH": str(stage / "datasets")}
     ran = []
     for command in ALL:
-        if not command.shown or not OURS.match(command.line) or "{urdf" in command.line:  # that one shows an error
+        lacking = "ujoco" in command.line and not find_spec("mujoco")
+        shows_an_error = "{urdf" in command.line
+        if not command.shown or not OURS.match(command.line) or shows_an_error or lacking:
             continue
         module, argv = call(command.line)
         if (
