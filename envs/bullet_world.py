@@ -74,6 +74,13 @@ class BulletWorld(World):
                 urdf = quoted(self.arm_spec.urdf)
                 raise ValueError(f"{urdf} has changed since the environment was pickled; pickle it again") from error
 
+    def keyboard_events(self) -> dict[int, int] | None:
+        """As in `World`."""
+        try:
+            return dict(self._client.getKeyboardEvents())
+        except pybullet.error:
+            return None
+
     def close(self) -> None:
         """Disconnect from Bullet; a second call does nothing."""
         self._client.close()

@@ -2,9 +2,12 @@
 
 import os
 import sys
+from contextlib import nullcontext
 from typing import Any, NoReturn
 
-from sb3_stereo.envs.bullet import BulletClient, check_binding, pybullet
+from sb3_stereo.envs.bullet import BulletClient, check_binding, native_output, pybullet
+
+WINDOW = {"cameraDistance": 1.9, "cameraYaw": 62, "cameraPitch": -20, "cameraTargetPosition": (0.15, 0, 0.5)}
 
 
 class Client(BulletClient):  # type: ignore[misc]
@@ -27,7 +30,16 @@ class Client(BulletClient):  # type: ignore[misc]
             )
         self._shapes: dict[object, object] = {}
         self._pid = os.getpid()
-        self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+        with native_output(1) if gui else nullcontext():  # what Bullet says of threads and graphics
+            self._client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+        if gui:
+            self._show_the_arm()
+
+    def _show_the_arm(self) -> None:
+        """Let the window show the workspace as the films do, and leave all letters to whoever reads the keyboard."""
+        for unwanted in ("KEYBOARD_SHORTCUTS", "DEPTH_BUFFER_PREVIEW", "SEGMENTATION_MARK_PREVIEW"):
+            self.configureDebugVisualizer(getattr(pybullet, f"COV_ENABLE_{unwanted}"), 0)
+        self.resetDebugVisualizerCamera(**WINDOW)
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
         raise ValueError("a simulator has no copies of its own; copy the environment")
@@ -38,6 +50,6 @@ class Client(BulletClient):  # type: ignore[misc]
         return self._client
 
     def close(self) -> None:
-        """Disconnect; a second call does nothing."""
-        if self._client >= 0:
+        """Disconnect; a second call does nothing, nor does one after a person has closed the window."""
+        if self._client >= 0 and self.isConnected():
             self.disconnect()

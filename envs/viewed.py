@@ -68,6 +68,13 @@ class ViewedEnv(SimulatedEnv):
         self.arm.rest_at(vector("positions", positions, len(self.arm.limits)))
         return self._world.rig.draw(self._default_target)
 
+    def keyboard_events(self) -> dict[int, int] | None:
+        """The keys of Bullet's window since the last call, see `keyboard`; None once it is closed.
+
+        Without a window (another `render_mode` than "human") there are none.
+        """
+        return self._world.keyboard_events()
+
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
         frames = self._captured.frames

@@ -117,6 +117,10 @@ class World(ABC):
         self.arm.rest_at(positions)
         return free
 
+    def keyboard_events(self) -> dict[int, int] | None:
+        """The keys of the window since the last call, code and state, see `keyboard`; None if it was closed."""
+        return {}
+
     # ------------------------------------------------------------------------------------------------ states
     def save(self, key: object) -> None:
         """Keep the state of all bodies and contacts for the very object that is given as its key."""

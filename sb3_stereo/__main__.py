@@ -16,6 +16,7 @@ COMMANDS = {
     "predict": "detect the markers in ordinary images and print the agent's joint torques",
     "push_to_hub": "upload a trained agent to the Hugging Face Hub",
     "load_from_hub": "download one into the log folder",
+    "manual": "move the arm yourself, by the keyboard in Bullet's window",
     "collect": "record an agent's episodes as a Minari dataset",
 }
 

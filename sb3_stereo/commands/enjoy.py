@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from sb3_stereo.commands.flags import (
     add_run_flags,
     at_least,
     check_device,
+    check_display,
     file,
     run_command,
 )
@@ -172,8 +172,8 @@ def enjoy_command(args: argparse.Namespace) -> int:
     from sb3_stereo.runs.models import load_model
 
     window = args.gui or not (args.no_render or args.video)
-    if window and sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
-        raise ConfigError("there is no display to open a window on; add --no-render or --video FILE.mp4")
+    if window:
+        check_display("add --no-render or --video FILE.mp4")
     n_timesteps, n_episodes = length(args)
     import_packages(args.gym_packages)
     check_env_id(args.env)

@@ -119,6 +119,12 @@ def add_repository_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-name", "--repo-name", metavar="NAME", help="its name, with -orga (default: ALGO-ENV)")
 
 
+def check_display(way_out: str) -> None:
+    """Raise a ConfigError if there is no display to open Bullet's window on."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise ConfigError(f"there is no display to open a window on; {way_out}")
+
+
 def check_device(device: str) -> None:
     """Raise a ConfigError unless torch knows the device and it is there."""
     import torch as th

@@ -4,6 +4,7 @@ Recorded is the environment itself, within the wrappers that an agent has: `reco
 one with the same spaces, in which the recorded actions repeat the episodes. Images are stored as they are, not as JPEG.
 """
 
+import copy
 import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -139,13 +140,15 @@ class DatasetWriter:
         import minari
 
         assert env.spec is not None  # gym.make made it
+        spec = copy.deepcopy(env.spec)
+        spec.kwargs.pop("render_mode", None)  # a window is for who plays, not for who learns from it
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of what a dataset on one's own machine need not tell
             return minari.create_dataset_from_buffers(
                 self.name,
                 list(episodes),
-                env=env,
-                description=f"{env.spec.id}, played by {self._about['algorithm_name']}",
+                env=spec,
+                description=f"{spec.id}, played by {self._about['algorithm_name']}",
                 requirements=[f"sb3_stereo=={__version__}"],
                 jpeg_encoding=False,
                 **self._about,
