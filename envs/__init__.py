@@ -14,6 +14,7 @@ _KWARGS_OF: dict[str, dict[str, object]] = {
     "KukaStereoReach-v1": {"arm": "kuka", **_V1},
     "PandaStereoReach-v1": {"arm": "panda", **_V1},
     "WamStereoReachRandom-v1": {"arm": "wam", "random_target": True, **_V1},
+    "WamStereoReachClutter-v0": {"arm": "wam", "clutter": "default", "min_views": 2, **_V1},
 }
 ENV_IDS = tuple(_KWARGS_OF)
 # Goal-conditioned, for HER: the targets are drawn, as in Gymnasium-Robotics' FetchReach.

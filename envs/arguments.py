@@ -11,7 +11,7 @@ from pydantic import Field
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.composite import HEIGHT, WIDTH
 from sb3_stereo.envs.specs import quoted, require, require_known
-from sb3_stereo.envs.validation import MAX_NUMBER, Flag, Number, fit
+from sb3_stereo.envs.validation import MAX_NUMBER, Flag, Integer, Number, fit
 
 Floats = NDArray[np.float64]
 Positive = Annotated[Number, Field(gt=0)]
@@ -39,6 +39,24 @@ def check_pictures(views: Sequence[CameraSpec]) -> None:
     """Raise a ValueError unless all pictures have one size."""
     sizes = {f"{view.width} x {view.height}" for view in views}
     require(len(sizes) == 1, f"cameras of {', '.join(sorted(sizes))} px; give all the same size")
+
+
+def checked_min_views(min_views: Any, n_views: int) -> int:
+    """Fewest views that must see both markers for a goal; None is all."""
+    if min_views is None:
+        return n_views
+    fewest: int = fit(min_views, Integer, "min_views")
+    wanted = f"give an integer from 1 to {n_views}, the number of cameras"
+    require(1 <= fewest <= n_views, f"min_views is {fewest}; {wanted}")
+    return fewest
+
+
+def lost_views(lost_camera: Any, views: Sequence[CameraSpec]) -> frozenset[int]:
+    """Numbers of the views of the camera that is lost; None is none."""
+    names = [view.name for view in views]
+    if lost_camera is not None:
+        require_known("lost_camera", lost_camera, dict.fromkeys(names), "the cameras")
+    return frozenset(number for number, name in enumerate(names) if name == lost_camera)
 
 
 def success_scale(success_frame: object, view: CameraSpec, rho: float) -> Floats:

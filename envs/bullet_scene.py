@@ -6,7 +6,8 @@ from typing import Any
 from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.bullet_camera import Camera
 from sb3_stereo.envs.cameras import CameraSpec
-from sb3_stereo.envs.clutter import AWAY, UPRIGHT, Item, shape_of, where_of
+from sb3_stereo.envs.clutter import AWAY, UPRIGHT, Item, Shape, shape_of, where_of
+from sb3_stereo.envs.clutter_spec import ClutterSpec
 from sb3_stereo.envs.scene import BLUE, FLOOR_HALF_EXTENTS, GRAVITY, GREY, RED, sphere
 from sb3_stereo.envs.simulation import Client
 from sb3_stereo.envs.simulators import Floats
@@ -21,15 +22,23 @@ class BulletScene:
         radii: Of the red and of the blue ball, in [m].
         hollow_target: Draw the inside of the blue one only.
         n_things: Of the clutter. They are made at once: a saved state must have the bodies of the world.
+        clutter: What the arm works among, likewise; None for nothing.
     """
 
     def __init__(
-        self, client: Any, ground: int, radii: tuple[float, float], hollow_target: bool, n_things: int
+        self,
+        client: Any,
+        ground: int,
+        radii: tuple[float, float],
+        hollow_target: bool,
+        n_things: int,
+        clutter: ClutterSpec | None,
     ) -> None:
         self._client, self.ground = client, ground
         add_target = add_hollow_ball if hollow_target else add_ball
         self.markers = add_ball(client, RED, radii[0]), add_target(client, BLUE, radii[1])
-        self._things = [_add_thing(client, number) for number in range(n_things)]
+        self._things = [_add_thing(client, shape_of(number)) for number in range(n_things)]
+        self.obstacles = [] if clutter is None else _add_obstacles(client, clutter)
 
     def camera(self, spec: CameraSpec) -> Camera:
         """A camera more."""
@@ -39,12 +48,18 @@ class BulletScene:
         """Put a marker's middle at a position, (3,), in [m], world."""
         self._client.resetBasePositionAndOrientation(body, position.tolist(), UPRIGHT)
 
-    def place_things(self, items: Sequence[Item]) -> None:
-        """Show these things and no others."""
-        for body, (position, orientation, item) in zip(self._things, where_of(items, len(self._things)), strict=True):
-            self._client.resetBasePositionAndOrientation(body, position, orientation)
-            if item is not None:
-                self._client.changeVisualShape(body, -1, rgbaColor=(*item.colour, 1.0))
+    def place_things(self, items: Sequence[Item], obstacles: Sequence[Item]) -> None:
+        """Show these things and obstacles, and no others."""
+        for bodies, shown in ((self._things, items), (self.obstacles, obstacles)):
+            for body, (position, orientation, item) in zip(bodies, where_of(shown, len(bodies)), strict=True):
+                self._client.resetBasePositionAndOrientation(body, position, orientation)
+                if item is not None:
+                    self._client.changeVisualShape(body, -1, rgbaColor=(*item.colour, 1.0))
+
+    def move(self, obstacles: Sequence[Item]) -> None:
+        """Put these obstacles where they are, and leave the others."""
+        for one in obstacles:
+            self._client.resetBasePositionAndOrientation(self.obstacles[one.number], one.position, one.orientation)
 
 
 def empty_world(gui: bool, physics_rate: float, weightless: bool) -> Client:
@@ -114,12 +129,30 @@ def add_hollow_ball(client: Any, colour: tuple[float, ...], radius: float) -> in
     return int(client.createMultiBody(baseVisualShapeIndex=shape))
 
 
-def _add_thing(client: Any, number: int) -> int:
-    kind, across, height = shape_of(number)
+def _add_thing(client: Any, shape: Shape) -> int:
+    look = client.createVisualShape(**_bullet_shape(shape, "length"))
+    return int(client.createMultiBody(baseVisualShapeIndex=look, basePosition=AWAY))
+
+
+def _add_obstacles(client: Any, clutter: ClutterSpec) -> list[int]:
+    """Bodies whose distance from the arm is known, whether it touches them or not."""
+    bodies = []
+    for number in range(clutter.n_things):
+        shape = shape_of(number, clutter.size)
+        look = client.createVisualShape(**_bullet_shape(shape, "length"))
+        body = client.createMultiBody(0.0, client.createCollisionShape(**_bullet_shape(shape, "height")), look, AWAY)
+        if not clutter.solid or number >= clutter.n_still:
+            client.setCollisionFilterGroupMask(body, -1, 0, 0)
+        bodies.append(int(body))
+    return bodies
+
+
+def _bullet_shape(shape: Shape, length: str) -> dict[str, Any]:
+    """Bullet's arguments; a cylinder's `length` has another name where it is seen and where it collides."""
+    kind, across, height = shape
     shapes: dict[str, dict[str, Any]] = {
         "box": {"shapeType": pybullet.GEOM_BOX, "halfExtents": (across, across, height)},
-        "cylinder": {"shapeType": pybullet.GEOM_CYLINDER, "radius": across, "length": 2 * height},
+        "cylinder": {"shapeType": pybullet.GEOM_CYLINDER, "radius": across, length: 2 * height},
         "sphere": {"shapeType": pybullet.GEOM_SPHERE, "radius": across},
     }
-    shape = client.createVisualShape(**shapes[kind])
-    return int(client.createMultiBody(baseVisualShapeIndex=shape, basePosition=AWAY))
+    return shapes[kind]

@@ -23,10 +23,11 @@ class BulletWorld(World):
         arm = Arm(self.arm_spec, client)
         for link in arm.fixed_links:  # what stands on the floor touches it in every pose
             client.setCollisionFilterPair(ground, arm.body, -1, link, 0)
+        self._arm_body = arm.body
         if self.damping is not None:
             arm.set_damping(self.damping)
         radii, hollow = self.markers.radii(self.arm_spec), self.markers.hollow_target
-        self._things = BulletScene(client, ground, radii, hollow, self.n_things)
+        self._things = BulletScene(client, ground, radii, hollow, self.n_things, self.clutter)
         return arm, cameras, self._things
 
     def _finish_building(self) -> None:
@@ -38,11 +39,19 @@ class BulletWorld(World):
     def _draw_floor(self, colour: Sequence[float] | None) -> None:
         paint_floor(self._client, self._ground, colour)
 
-    def _begin_with(self, items: Sequence[Item]) -> None:
+    def _begin_with(self, items: Sequence[Item], obstacles: Sequence[Item]) -> None:
         self._client.removeState(self._start)
         self._client.restoreState(self._pristine)
-        self._things.place_things(items)
+        self._things.place_things(items, obstacles)
         self._start = self._client.saveState()
+
+    def _move(self, obstacles: Sequence[Item]) -> None:
+        self._things.move(obstacles)
+
+    def _is_near_arm(self, obstacle: Item, distance: float) -> bool:
+        self._things.move([obstacle])
+        body = self._things.obstacles[obstacle.number]
+        return bool(self._client.getClosestPoints(self._arm_body, body, distance))
 
     def _rewind(self) -> None:
         self._client.restoreState(self._start)

@@ -86,6 +86,12 @@ class CameraSpec:
         distance = math.dist(self.position, self.target)
         return self.width / (2 * distance * math.tan(self.horizontal_fov / 2))
 
+    def scale_at(self, point: NDArray[np.float64]) -> float:
+        """Pixels per metre at a point before the camera, shape (3,), in [m], world."""
+        sight = np.subtract(self.target, self.position)
+        depth = float(sight @ np.subtract(point, self.position)) / float(np.linalg.norm(sight))
+        return self.width / (2 * depth * math.tan(self.horizontal_fov / 2))
+
     def sized(self, height: int) -> "CameraSpec":
         """The same camera with a frame of another size, `height` in [px], and the same shape."""
         return replace(self, width=round(self.width * height / self.height), height=height)
@@ -123,31 +129,54 @@ def stereo_pair(
     return CameraSpec("left", (side, side, height), **fields), CameraSpec("right", (side, -side, height), **fields)
 
 
+def behind(pair: tuple[CameraSpec, CameraSpec]) -> tuple[CameraSpec, CameraSpec]:
+    """Two more cameras, behind the arm: as far from where a `stereo_pair` looks, and higher.
+
+    From 45 degrees above the horizon the shoulder hides little, and no two of the four lines of sight are within 60
+    degrees of each other: any two views tell a place in space.
+    """
+    target = pair[0].target
+    distance = math.dist(pair[0].position, target)
+    side, height = distance / 2, target[2] + distance * math.sqrt(0.5)
+    return (
+        replace(pair[0], name="back_left", position=(-side, side, height)),
+        replace(pair[1], name="back_right", position=(-side, -side, height)),
+    )
+
+
 STEREO_PAIR = stereo_pair()
 # The workspace fills the picture, 7.5 mm per pixel. From twice the distance the scale varies half as much between the
 # near and the far end of the workspace, so that a distance in pixels is nearly the same in space anywhere.
 CLOSE_PAIR = stereo_pair(8.0, target=(0.0, 0.0, 0.55), horizontal_fov=0.298, near=5.0, far=11.0)
-FRAMINGS = {"wide": STEREO_PAIR, "close": CLOSE_PAIR}
+FRAMINGS = {"wide": (*STEREO_PAIR, *behind(STEREO_PAIR)), "close": (*CLOSE_PAIR, *behind(CLOSE_PAIR))}
+# In this order the views of a rig are their own mirror images, reversed.
+RIGS = {"stereo": ("left", "right"), "four": ("left", "back_left", "back_right", "right")}
 
 
 def camera_specs(
     cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str, framing: str = "wide"
 ) -> tuple[CameraSpec, ...]:
-    """Return cameras that are given as themselves, as maps of their fields, by their names in a pair, or by the path of
-    a YAML file with a list of these.
+    """Return cameras that are given as themselves, as maps of their fields, by their names in a framing, by the name of
+    a rig, or by the path of a YAML file with a list of these.
 
     Args:
-        cameras: At least one.
-        framing: Of `FRAMINGS`, which pair the names are of.
+        cameras: At least one, or of `RIGS`.
+        framing: Of `FRAMINGS`, whose cameras the names are of.
 
     Raises:
         ValueError: If there is none, or a field is wrong.
     """
     require_known("framing", framing, FRAMINGS, "framings")
-    given = read_yaml(cameras, "camera") if isinstance(cameras, str) else cameras
+    given = _listed(cameras)
     require(isinstance(given, Sequence) and len(given) > 0, "no cameras; give at least one CameraSpec, or map of one")
-    pair = FRAMINGS[framing]
-    return tuple(_camera_spec(camera, f"camera {number}", pair) for number, camera in enumerate(given, start=1))
+    known = FRAMINGS[framing]
+    return tuple(_camera_spec(camera, f"camera {number}", known) for number, camera in enumerate(given, start=1))
+
+
+def _listed(cameras: Any) -> Any:
+    if not isinstance(cameras, str):
+        return cameras
+    return RIGS[cameras] if cameras in RIGS else read_yaml(cameras, "camera")
 
 
 def plain_cameras(cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str) -> list[Any]:
@@ -156,17 +185,17 @@ def plain_cameras(cameras: Sequence[CameraSpec | Mapping[str, Any] | str] | str)
     Raises:
         ValueError: If there is none, or a field is wrong.
     """
-    given = read_yaml(cameras, "camera") if isinstance(cameras, str) else cameras
+    given = _listed(cameras)
     specs = camera_specs(given)
     return [name if isinstance(name, str) else plain(spec) for name, spec in zip(given, specs, strict=True)]
 
 
-def _camera_spec(camera: CameraSpec | Mapping[str, Any] | str, what: str, pair: Sequence[CameraSpec]) -> CameraSpec:
+def _camera_spec(camera: CameraSpec | Mapping[str, Any] | str, what: str, known: Sequence[CameraSpec]) -> CameraSpec:
     if isinstance(camera, CameraSpec):
         return camera
     if not isinstance(camera, str):
         return from_map(CameraSpec, camera, what)
-    named = {spec.name: spec for spec in pair}
+    named = {spec.name: spec for spec in known}
     require_known("camera", camera, named, "those with a name")
     return named[camera]
 

@@ -62,6 +62,7 @@ class CameraRig:
         self._sensors: tuple[Sensor, ...] | None = None
         self._darkness = 0.0
         self._shadow: Shadow | None = None
+        self.lost: frozenset[int] = frozenset()  # views whose pictures nobody gets; the judge still has them
 
     def use_sensors(self, sensors: tuple[Sensor, ...], light: Light, floor_drawn: bool) -> None:
         """See through these sensors, one per camera; markers are then known by their bodies, whatever their colour.
@@ -101,7 +102,13 @@ class CameraRig:
         return Capture(tuple(frame for frame, _ in views), centres, centres[:, 0] - centres[:, 1], position)
 
     def _see(self) -> list[tuple[Image, Blobs]]:
-        """Every view's frame, and where the markers are in it."""
+        """Every view's frame, black for one that is lost, and where the markers are in it."""
+        views = self._see_all()
+        if not self.lost:
+            return views
+        return [(_black(frame) if n in self.lost else frame, blobs) for n, (frame, blobs) in enumerate(views)]
+
+    def _see_all(self) -> list[tuple[Image, Blobs]]:
         if self._sensors is None:
             return [(frame, self.find(n, frame)) for n, frame in enumerate(camera.frame() for camera in self._cameras)]
         shades: list[Floats] | list[None] = [None] * len(self._cameras)
@@ -118,7 +125,7 @@ class CameraRig:
     def draw(self, target_position: Floats) -> tuple[Image, ...]:
         """Take the frames only."""
         self._place_markers(target_position)
-        if self._sensors is None:
+        if self._sensors is None and not self.lost:
             return tuple(camera.frame() for camera in self._cameras)
         return tuple(frame for frame, _ in self._see())
 
@@ -137,3 +144,10 @@ class CameraRig:
         """Put the red marker at the first and the blue one at the second position, (3,) in [m], world."""
         for ball, position in zip(self.markers, positions, strict=True):
             self._scene.place(ball, position)
+
+
+def _black(frame: Image) -> Image:
+    """A black picture of the same size, as opaque."""
+    black = np.zeros_like(frame)
+    black[:, :, 3] = 255
+    return black

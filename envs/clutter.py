@@ -1,4 +1,4 @@
-"""Things around the arm that belong to no task: boxes, cylinders and balls that touch nothing."""
+"""Things around the arm that belong to no task: boxes, cylinders and balls."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,9 +37,22 @@ class Item:
     colour: tuple[float, ...]
 
 
-def size_of(number: int) -> float:
-    """Half of a thing's extent, in [m]."""
-    return SIZES[0] + (SIZES[1] - SIZES[0]) * (number * GOLDEN % 1.0)
+def size_of(number: int, sizes: tuple[float, float] = SIZES) -> float:
+    """Half of a thing's extent, in [m], of those that there are."""
+    return sizes[0] + (sizes[1] - sizes[0]) * (number * GOLDEN % 1.0)
+
+
+def draw_look(rng: np.random.Generator) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A random orientation, and a colour near a grey."""
+    quaternion, grey = rng.standard_normal(4), rng.uniform(0.1, 0.9)
+    colour = np.clip(grey + rng.uniform(-0.15, 0.15, 3), 0.0, 1.0)
+    return tuple((quaternion / np.linalg.norm(quaternion)).tolist()), tuple(colour.tolist())
+
+
+def draw_place(rng: np.random.Generator) -> Floats:
+    """A random place around the arm, shape (3,), in [m], world."""
+    angle, out = rng.uniform(0, 2 * np.pi), RADIUS * np.sqrt(rng.random())
+    return np.array([out * np.cos(angle), out * np.sin(angle), rng.uniform(0.0, HEIGHT)])
 
 
 class Shape(NamedTuple):
@@ -50,9 +63,9 @@ class Shape(NamedTuple):
     height: float
 
 
-def shape_of(number: int) -> Shape:
-    """The shape of a thing."""
-    size = size_of(number)
+def shape_of(number: int, sizes: tuple[float, float] = SIZES) -> Shape:
+    """The shape of a thing, of those that there are."""
+    size = size_of(number, sizes)
     shapes = Shape("box", size, 1.3 * size), Shape("cylinder", 0.6 * size, 1.5 * size), Shape("sphere", size, size)
     return shapes[number % len(shapes)]
 
@@ -79,19 +92,16 @@ def draw_items(
     items = []
     for number in rng.permutation(n_things)[:n].tolist():
         position = _draw_place(1.8 * size_of(number) + CLEAR, rng, views, target)
-        quaternion, grey = rng.standard_normal(4), rng.uniform(0.1, 0.9)
-        colour = np.clip(grey + rng.uniform(-0.15, 0.15, 3), 0.0, 1.0)
+        look = draw_look(rng)
         if position is not None:
-            orientation = quaternion / np.linalg.norm(quaternion)
-            items.append(Item(number, *(tuple(v.tolist()) for v in (position, orientation, colour))))
+            items.append(Item(number, tuple(position.tolist()), *look))
     return tuple(items)
 
 
 def _draw_place(room: float, rng: np.random.Generator, views: Sequence[CameraSpec], target: Floats) -> Floats | None:
     """A place at least `room`, in [m], beside the line of sight to the target in every view; None if none is found."""
     for _ in range(MAX_DRAWS):
-        angle, out = rng.uniform(0, 2 * np.pi), RADIUS * np.sqrt(rng.random())
-        place = np.array([out * np.cos(angle), out * np.sin(angle), rng.uniform(0.0, HEIGHT)])
+        place = draw_place(rng)
         gaps = [np.linalg.norm(view.project(place) - view.project(target)) / view.scale for view in views]
         if min(gaps) >= room:
             return place

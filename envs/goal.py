@@ -108,7 +108,7 @@ class StereoReachGoalEnv(StereoReachEnv):
 
     def _reached(self, achieved: Floats, desired: Floats) -> NDArray[np.bool_]:
         distances = self.success_distances(_offsets(achieved, desired))
-        return np.asarray(distances.sum(axis=-1) / distances.shape[-1] <= self.rho)
+        return np.asarray(rewards.is_goal(distances, self.rho, self.min_views))
 
     def _with_goals(self, image: Observation) -> dict[str, Any]:
         achieved, desired = _goals(self._captured)

@@ -65,6 +65,7 @@ class MujocoWorld(World):
 
     def _build(self) -> tuple[MujocoArm, tuple[MujocoCamera, ...], MujocoScene]:
         way_out = "use render_mode 'rgb_array'"
+        require(self.clutter is None, "simulator 'mujoco' has no clutter; leave it out, or take simulator 'bullet'")
         require(not self.in_window, f"simulator 'mujoco' has no window for render_mode 'human'; {way_out}")
         around = Around(self.markers.radii(self.arm_spec), self.markers.hollow_target, self.n_things)
         model = build_model(self.arm_spec, around, self.physics_rate)
@@ -89,7 +90,7 @@ class MujocoWorld(World):
         drawn_anyway = self.floor and self.variation is None
         self._things.draw_floor(GREY[:3] if colour is None and drawn_anyway else colour)
 
-    def _begin_with(self, items: Sequence[Item]) -> None:
+    def _begin_with(self, items: Sequence[Item], obstacles: Sequence[Item]) -> None:
         self._set_state(self._pristine)
         self._things.place_things(items, self.n_things)
         self._start = self._state()

@@ -2,21 +2,20 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
-from typing import Annotated, Any
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
 from pydantic.dataclasses import dataclass
-from pydantic_core import PydanticCustomError
 
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.clutter import draw_items
 from sb3_stereo.envs.light import Light
+from sb3_stereo.envs.ranges import Probability, Range, check_ranges
 from sb3_stereo.envs.sensor import Sensor, draw_picture, floor_pattern
-from sb3_stereo.envs.specs import as_number, plain, quoted, require, require_known
-from sb3_stereo.envs.validation import STRICT, Quantity, explained, from_map
+from sb3_stereo.envs.specs import plain, require_known
+from sb3_stereo.envs.validation import STRICT, explained, from_map
 from sb3_stereo.envs.variation import Variation
 
 Floats = NDArray[np.float64]
@@ -24,19 +23,6 @@ Floats = NDArray[np.float64]
 MAX_DARK, MAX_LIGHT = 0.2, 0.9  # of the greys that links and floor are painted in
 TINT = 0.08  # by how much each channel of a paint differs from its grey; more could be a marker's colour
 
-
-def _ends(value: Any) -> tuple[Any, ...]:
-    """Both ends of a range, which may be given as one number."""
-    value = value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-    if as_number(value) is not None:
-        return value, value
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise PydanticCustomError("listed", "a number, or the lowest and the highest one")
-    return tuple(value)
-
-
-Range = Annotated[tuple[Quantity, Quantity], BeforeValidator(_ends)]
-Probability = Annotated[Quantity, Field(ge=0, le=1)]
 
 # What a range must stay within; all others begin at 0.
 BOUNDS = {
@@ -129,13 +115,7 @@ class Randomization:
     clutter: Range = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, tuple):
-                low, high = BOUNDS.get(field.name, (0.0, math.inf))
-                wanted = f"the lowest and the highest number, from {low:g} to {high:g}"
-                ordered = low <= value[0] <= value[1] <= high
-                require(ordered, f"randomize: {field.name} is {quoted(list(value))}; give {wanted}")
+        check_ranges(self, "randomize", BOUNDS)
 
     @property
     def n_things(self) -> int:

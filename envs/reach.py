@@ -15,18 +15,22 @@ from sb3_stereo.envs.arguments import (
     check_flags,
     check_pictures,
     check_render_mode,
+    checked_min_views,
     checked_reset_options,
     checked_seed,
+    lost_views,
     success_scale,
     timing,
     vector,
 )
 from sb3_stereo.envs.cameras import CameraSpec, camera_specs, mirror_each_other, plain_cameras
 from sb3_stereo.envs.capture import Floats
+from sb3_stereo.envs.clutter_spec import ClutterSpec, clutter_spec, plain_clutter
 from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.contacts import always_colliding
 from sb3_stereo.envs.marker_specs import MarkerSpec, marker_spec
 from sb3_stereo.envs.randomization import Randomization, plain_randomization, randomization
+from sb3_stereo.envs.ranges import Probability
 from sb3_stereo.envs.robots import ARMS, WAM, ArmSpec, arm_spec
 from sb3_stereo.envs.simulators import world_class
 from sb3_stereo.envs.specs import plain, quoted, require
@@ -88,6 +92,12 @@ class StereoReachEnv(ViewedEnv):
         randomize: From which ranges every episode draws its light, sensors, cameras, arm and surroundings: a
             `Randomization`, a map of its fields, or "default"; None for none. Success and reward stay those of the
             markers themselves: where they are visible, in the cameras as they then stand.
+        clutter: Boxes, cylinders and balls around the arm, before it and moving past: a `ClutterSpec`, a map of its
+            fields, or "default"; None for none.
+        min_views: Fewest views that must see both markers for a goal, which is judged by the mean over these; None for
+            all views. Two that look at right angles tell a place in space.
+        lost_camera: Name of a camera whose picture is black; goal and reward are judged as if it were not.
+        camera_loss: Probability that a camera, each as likely, is lost in an episode.
 
     Raises:
         ValueError: If an argument makes no task.
@@ -122,6 +132,10 @@ class StereoReachEnv(ViewedEnv):
         brake: bool = True,
         floor: bool = False,
         randomize: Randomization | Mapping[str, Any] | str | None = None,
+        clutter: ClutterSpec | Mapping[str, Any] | str | None = None,
+        min_views: int | None = None,
+        lost_camera: str | None = None,
+        camera_loss: float = 0.0,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
         make_world = world_class(simulator)
@@ -148,7 +162,9 @@ class StereoReachEnv(ViewedEnv):
         self.effort_limits = bounded("effort_limits", efforts, len(spec.joints))
         require(self.effort_limits.min() > 0, f"effort_limits are {quoted(efforts)}; give positive numbers")
         self.pulse_watchers: list[PulseWatcher] = []
-        self.randomization = randomization(randomize)
+        self.randomization, self.clutter = randomization(randomize), clutter_spec(clutter)
+        self.min_views = checked_min_views(min_views, len(views))
+        self._lost, self.camera_loss = lost_views(lost_camera, views), fit(camera_loss, Probability, "camera_loss")
         self._world = make_world(
             spec,
             views,
@@ -159,6 +175,7 @@ class StereoReachEnv(ViewedEnv):
             in_window=render_mode == "human",
             damping=joint_damping,
             n_things=0 if self.randomization is None else self.randomization.n_things,
+            clutter=self.clutter,
         )
         self._initial_positions = None if initial_positions is None else self._checked_start(initial_positions)
 
@@ -184,6 +201,8 @@ class StereoReachEnv(ViewedEnv):
             resolved["cameras"] = plain_cameras(kwargs["cameras"])
         if "randomize" in kwargs and not isinstance(kwargs["randomize"], str):
             resolved["randomize"] = plain_randomization(kwargs["randomize"])
+        if "clutter" in kwargs and not isinstance(kwargs["clutter"], str):
+            resolved["clutter"] = plain_clutter(kwargs["clutter"])
         return resolved
 
     @property
@@ -252,6 +271,7 @@ class StereoReachEnv(ViewedEnv):
         previous = self._captured
         efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
         self._pulse(efforts.tolist())
+        self._world.advance(self.pulse_duration)
         self._capture()
         goal = self._at_goal()
         changes = rewards.distance_change(previous.distances, self._captured.distances, self.distance_scale)
@@ -289,7 +309,8 @@ class StereoReachEnv(ViewedEnv):
 
     # ------------------------------------------------------------------------------------------------ the start
     def _begin(self, options: Mapping[str, Any]) -> None:
-        """Draw the world, place the target, then the arm."""
+        """Draw the world, place the target, then the arm, then what is around it."""
+        self._world.begin(self._draw_lost())
         if self.randomization is not None:
             n_joints, n_links = len(self.effort_limits), self.arm.n_links
             self._world.vary(self.randomization.draw(self.np_random, self._world.views, n_joints, n_links))
@@ -305,6 +326,15 @@ class StereoReachEnv(ViewedEnv):
             self._place_arm("initial_positions", self._initial_positions)
         else:
             self._place_arm_at_random()
+        if self.clutter is not None:
+            self._world.add_clutter(self.np_random, self._target_position)
+            self._capture()
+
+    def _draw_lost(self) -> frozenset[int]:
+        """Numbers of the views that are lost in this episode."""
+        if not self.camera_loss or self.np_random.random() >= self.camera_loss:
+            return self._lost
+        return self._lost | {int(self.np_random.integers(self.n_views))}
 
     def _add_clutter(self, ranges: Randomization) -> None:
         """Draw what stands around the arm, clear of the target."""
@@ -377,7 +407,8 @@ class StereoReachEnv(ViewedEnv):
         self._captured = self._world.rig.capture(self._target_position)
 
     def _at_goal(self) -> bool:
-        return rewards.is_goal(self.success_distances(self._captured.offsets), self.rho)
+        distances = self.success_distances(self._captured.offsets)
+        return bool(rewards.is_goal(distances, self.rho, self.min_views))
 
     def _info(self, goal: bool) -> dict[str, Any]:
         return {

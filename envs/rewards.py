@@ -4,6 +4,7 @@ A distance is `nan` where it is undefined: a view in which the end effector or t
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,14 +34,21 @@ def distance_change(previous: Floats, current: Floats, scale: float) -> Floats:
     return np.minimum(np.maximum((previous - current) / scale, -1.0), 1.0)  # np.clip takes twice as long
 
 
-def is_goal(distances: Floats, rho: float) -> bool:
-    """The terminal flag tau (section 3.3): the mean distance over the views is at most `rho`.
+def is_goal(distances: Floats, rho: float, min_views: int | None = None) -> Any:
+    """The terminal flag tau (section 3.3): the mean distance over the views that see both markers is at most `rho`.
 
     Args:
-        distances: d(t) per view, shape (n_views,), in [px]. One undefined distance is enough for no goal.
+        distances: d(t) per view, shape (..., n_views), in [px].
         rho: Threshold in [px].
+        min_views: Fewest defined distances that make a goal; None for all, which is the paper's two.
+
+    Returns:
+        Whether it is one, shape (...), bool.
     """
-    return bool(distances.sum() / distances.size <= rho)
+    seen = ~np.isnan(distances)
+    n_seen = seen.sum(axis=-1)
+    mean = np.where(seen, distances, 0.0).sum(axis=-1) / np.maximum(n_seen, 1)
+    return (n_seen >= (distances.shape[-1] if min_views is None else min_views)) & (mean <= rho)
 
 
 def reward(changes: Floats, goal: bool) -> float:

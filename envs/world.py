@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -12,9 +12,11 @@ import numpy as np
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.capture import CameraRig, Floats, Image
 from sb3_stereo.envs.clutter import Item
+from sb3_stereo.envs.clutter_spec import ClutterSpec
 from sb3_stereo.envs.light import Light
 from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.mirror import mirrored_joints
+from sb3_stereo.envs.obstacles import Obstacle, draw_obstacles
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.scene import GRAVITY, GREY
 from sb3_stereo.envs.shadows import Shadow
@@ -25,6 +27,26 @@ from sb3_stereo.envs.variation import Variation
 # A light for people, from beside the cameras, and a floor on which the shadow is seen.
 SHOWROOM = Light(ambient=0.6, direction=(1.0, -0.6, 2.0), shadow=0.3)
 SHOWROOM_FLOOR = (0.86, 0.86, 0.84)
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """What differs from episode to episode, and what changes within one and is no state of the simulator's.
+
+    Attributes:
+        variation: What the world is like; see `World.vary`.
+        obstacles: Clutter that the arm works among.
+        time: Since the episode began, in [s].
+        lost: Numbers of the views that are lost.
+    """
+
+    variation: Variation | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    time: float = 0.0
+    lost: frozenset[int] = frozenset()
+
+
+PLAIN = Episode()
 
 
 @dataclass(eq=False)
@@ -43,8 +65,9 @@ class World(ABC):
         floor: Draw the floor. It is solid in any case.
         in_window: Show it in the simulator's window.
         damping: Viscous damping per actuated joint, in [N m s/rad]; None for the arm's own.
-        n_things: Of the clutter, see `clutter`.
-        variation: What differs in this episode; see `vary`.
+        n_things: Of the clutter that touches nothing, see `clutter`.
+        clutter: What the arm works among is drawn from; None for nothing.
+        episode: What differs in this one.
     """
 
     arm_spec: ArmSpec
@@ -56,20 +79,60 @@ class World(ABC):
     in_window: bool
     damping: Floats | None
     n_things: int = 0
-    variation: Variation | None = None
+    clutter: ClutterSpec | None = None
+    episode: Episode = PLAIN
 
     def __post_init__(self) -> None:
         self.arm, self.cameras, self._scene = self._build()
         self.rig = CameraRig(self._scene, self.cameras, self.arm, self.markers)
         self.mirrored_joints = mirrored_joints(self.arm)
         self._finish_building()
-        self._saved: WeakKeyDictionary[object, tuple[State, Variation | None]] = WeakKeyDictionary()
-        if self.variation is not None:
-            self.vary(self.variation)
+        self._saved: WeakKeyDictionary[object, tuple[State, Episode]] = WeakKeyDictionary()
+        episode, self.episode = self.episode, PLAIN
+        self._become(episode)
+
+    @property
+    def variation(self) -> Variation | None:
+        """What this episode's world is like; None if it is as always."""
+        return self.episode.variation
+
+    def begin(self, lost: frozenset[int] = frozenset()) -> None:
+        """Become the world of an episode that begins, without clutter yet, in which these views are lost."""
+        self._become(replace(PLAIN, variation=self.variation, lost=lost))
+
+    def _become(self, episode: Episode) -> None:
+        """Be another episode's world."""
+        varied = episode.variation is not self.variation
+        self.episode, self.rig.lost = episode, episode.lost
+        if episode.variation is not None and varied:
+            self.vary(episode.variation)
+        elif self.clutter is not None:
+            self._set_out()
+
+    def _set_out(self) -> None:
+        """Put everything but the arm where this episode has it."""
+        items = () if self.variation is None else self.variation.clutter
+        self._begin_with(items, [one.at(self.episode.time) for one in self.episode.obstacles])
+
+    def add_clutter(self, rng: np.random.Generator, target: Floats) -> None:
+        """Draw what the arm works among, which stays where it is; the target's position is (3,), in [m], world."""
+        assert self.clutter is not None  # who has none asks for none
+        here, views = self.arm.actuated_positions, [camera.spec for camera in self.cameras]
+        obstacles = draw_obstacles(self.clutter, rng, views, target, self.arm, self._is_near_arm)
+        self.episode = replace(self.episode, obstacles=obstacles)
+        self._set_out()
+        self.place_arm(here)
+
+    def advance(self, seconds: float) -> None:
+        """Let what moves by itself move on."""
+        if self.clutter is not None:
+            self.episode = replace(self.episode, time=self.episode.time + seconds)
+            moving = [one for one in self.episode.obstacles if one.end is not None]
+            self._move([one.at(self.episode.time) for one in moving])
 
     def vary(self, variation: Variation) -> None:
         """Become another episode's world. Where bodies are is then that of no pose: place the arm."""
-        self.variation, arm = variation, self.arm
+        self.episode, arm = replace(self.episode, variation=variation), self.arm
         for camera, view in zip(self.cameras, variation.views, strict=True):
             camera.aim(view, variation.light)
         share = variation.gravity if self.weightless else 1.0
@@ -80,7 +143,7 @@ class World(ABC):
         arm.paint(variation.paint, variation.painted)
         floor_drawn = self._paint_floor()
         self.rig.use_sensors(variation.sensors, variation.light, floor_drawn)
-        self._begin_with(variation.clutter)
+        self._set_out()
 
     def _paint_floor(self) -> bool:
         """Draw the floor, or not, as this episode has it; without a variation it is a background or not drawn."""
@@ -124,7 +187,7 @@ class World(ABC):
     # ------------------------------------------------------------------------------------------------ states
     def save(self, key: object) -> None:
         """Keep the state of all bodies and contacts for the very object that is given as its key."""
-        self._saved[key] = self._state(), self.variation
+        self._saved[key] = self._state(), self.episode
 
     def restore(self, key: object) -> None:
         """Go back to the state that was saved with `key`, exactly."""
@@ -135,13 +198,13 @@ class World(ABC):
         self._free_state(self._state_of(key)[0])
         del self._saved[key]
 
-    def _go_back(self, state: State, variation: Variation | None) -> None:
+    def _go_back(self, state: State, episode: Episode) -> None:
         """Restore a simulator's state, in the world of its episode, which it does not hold."""
-        if variation is not None and variation is not self.variation:
-            self.vary(variation)
+        if episode is not self.episode:
+            self._become(episode)
         self._set_state(state)
 
-    def _state_of(self, key: object) -> tuple[State, Variation | None]:
+    def _state_of(self, key: object) -> tuple[State, Episode]:
         whose = "the state is another environment's, or removed"
         require(key in self._saved, f"{whose}; give one that save_state of this environment returned")
         return self._saved[key]
@@ -149,11 +212,11 @@ class World(ABC):
     @contextmanager
     def unchanged_by_errors(self) -> Iterator[None]:
         """Go back to the state before if an error is raised within."""
-        before, variation = self._state(), self.variation
+        before, episode = self._state(), self.episode
         try:
             yield
         except BaseException:
-            self._go_back(before, variation)
+            self._go_back(before, episode)
             raise
         finally:
             self._free_state(before)
@@ -184,8 +247,16 @@ class World(ABC):
         """Draw the floor in a colour, (3,) from 0 to 1, or with None as it is without a variation."""
 
     @abstractmethod
-    def _begin_with(self, items: Sequence[Item]) -> None:
-        """Show these things of the clutter; `_rewind` goes back to this."""
+    def _begin_with(self, items: Sequence[Item], obstacles: Sequence[Item]) -> None:
+        """Show these things of the clutter that touches nothing, and of `clutter`; `_rewind` goes back to this."""
+
+    def _move(self, obstacles: Sequence[Item]) -> None:
+        """Put these obstacles where they are. Not asked for without `clutter`."""
+        raise NotImplementedError
+
+    def _is_near_arm(self, obstacle: Item, distance: float) -> bool:
+        """Whether an obstacle is within a distance in [m] of the arm, as that is. Not asked for without `clutter`."""
+        raise NotImplementedError
 
     @abstractmethod
     def _rewind(self) -> None:

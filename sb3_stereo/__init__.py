@@ -34,6 +34,7 @@ _LAZY = {
     "StereoSACPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoTQCPolicy": "sb3_stereo.policies.contrib",
     "film": "sb3_stereo.viz.film",
+    "VolumeCnn": "sb3_stereo.policies.volume",
     "load_pretrained": "sb3_stereo.runs.pretrained",
     "WarmUp": "sb3_stereo.learning.callbacks",
 }

@@ -24,6 +24,7 @@ from sb3_stereo.console import Bar, print_line
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.disturbances import (
     CLEAN,
+    DISTURBANCES,
     GRADES,
     Score,
     draw,
@@ -64,9 +65,9 @@ def score_run(run: Path, name: str, n_envs: int) -> list[Line]:
     path = model_path(run, config.env_id)
     agent = {"row": name, "seed": str(arguments["seed"]), "timesteps": str(config.n_timesteps)}  # of the final model
     states = eval_initial_states(config.env_id, config.env_kwargs)[:N_DISTURBED]
-    bar = Bar(sum(1 for _ in worlds(config)), "world")
+    bar = Bar(sum(1 for _ in worlds(config, DISTURBANCES)), "world")
     try:
-        scores = score_disturbances(load_model(config, path), config, states, n_envs, progress=bar.update)
+        scores = score_disturbances(load_model(config, path), config, states, n_envs, DISTURBANCES, bar.update)
     finally:
         bar.close()
     return [agent | {key: _text(value) for key, value in asdict(score).items()} for score in scores]

@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.analysis.rollouts import Floats
+from sb3_stereo.envs.kinematics import NEAR, joints_reaching
 
 N_PULSES = 10  # per joint, from which its travel is measured
-N_STEPS, MAX_STEP = 60, 0.3  # of the search for joint angles, and its largest in [rad]
-DAMPING = 0.05  # [m], of the least squares: what keeps a step bounded where the arm is stretched
-EPSILON = 1e-5  # [rad]
-NEAR = 0.005  # [m], where the search ends
 N_GUESSES = 8  # of joint angles to search from, the present ones first
 
 
@@ -53,7 +50,7 @@ class JacobianController:
         """Joint angles with the end effector at the target, the fewest pulses from `here`; else the nearest found."""
         state = self.env.save_state()
         guesses = [here, *self.rng.uniform(self.low, self.high, (N_GUESSES - 1, len(here)))]
-        found = [self._search(target, guess) for guess in guesses]
+        found = [joints_reaching(self.env.arm, target, guess) for guess in guesses]
         self.env.restore_state(state)
         self.env.remove_state(state)
         nearest = max(min(error for error, _ in found), NEAR)
@@ -61,24 +58,3 @@ class JacobianController:
             (joints for error, joints in found if error <= nearest),
             key=lambda joints: float(np.abs((joints - here) / self.travel).max()),
         )
-
-    def _search(self, target: Floats, joints: Floats) -> tuple[float, Floats]:
-        """Distance in [m] and joint angles where damped least squares end."""
-        for _ in range(N_STEPS):
-            error = target - self._end_effector(joints)
-            if np.linalg.norm(error) < NEAR:
-                break
-            jacobian = self._jacobian(joints)
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING**2 * np.eye(3), error)
-            joints = np.clip(joints + step * min(1.0, MAX_STEP / np.abs(step).max()), self.low, self.high)
-        return float(np.linalg.norm(target - self._end_effector(joints))), joints
-
-    def _jacobian(self, joints: Floats) -> Floats:
-        """Derivative of the end effector's position by the joint angles, shape (3, n_joints)."""
-        steps = EPSILON * np.eye(len(joints))
-        ahead = [self._end_effector(joints + step) - self._end_effector(joints - step) for step in steps]
-        return np.asarray(np.array(ahead).T / (2 * EPSILON))
-
-    def _end_effector(self, joints: Floats) -> Floats:
-        self.env.arm.rest_at(joints)
-        return np.asarray(self.env.arm.end_effector_position)

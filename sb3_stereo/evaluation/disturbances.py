@@ -118,23 +118,46 @@ class Score:
     n_poses: int
 
 
-def worlds(config: Config, wanted: Sequence[Disturbance] = DISTURBANCES) -> Iterator[tuple[Score, dict[str, Any]]]:
+def camera_losses(config: Config) -> tuple[Disturbance, ...]:
+    """For each camera of an environment with the argument `lost_camera`, that it is lost: its picture is black."""
+    try:
+        check_env_kwargs(config.env_id, {**config.env_kwargs, "lost_camera": None})
+    except ConfigError:
+        return ()
+    env: Any = make_env(config.env_id, config.env_kwargs, ())()
+    names = dict.fromkeys(camera.spec.name for camera in env.unwrapped.cameras)
+    env.close()
+    return tuple(Disturbance(f"camera {name} lost", "cameras", "", (1.0,), _lost(name)) for name in names)
+
+
+def _lost(name: str) -> Callable[[float], dict[str, Any]]:
+    return lambda size: {"randomize": {}, "lost_camera": name}
+
+
+def worlds(config: Config, wanted: Sequence[Disturbance] | None = None) -> Iterator[tuple[Score, dict[str, Any]]]:
     """All worlds, the clean one first: a score without its numbers, and the environment's arguments.
+
+    What a run was trained with at random, `randomize` and `camera_loss`, is replaced.
+
+    Args:
+        config: Of a run.
+        wanted: The disturbances; None for all, each camera's loss among them.
 
     Raises:
         ConfigError: If the environment cannot be disturbed.
     """
     nan = float("nan")
-    kwargs = {**config.env_kwargs, "randomize": {}}
+    steady = {name: value for name, value in config.env_kwargs.items() if name != "camera_loss"}
+    kwargs = {**steady, "randomize": {}}
     try:
         check_env_kwargs(config.env_id, kwargs)
     except ConfigError as error:
         raise ConfigError(f"{config.env_id} has no argument 'randomize', so there is nothing to disturb") from error
     yield Score(CLEAN, "", "", nan, "", nan, nan, nan, 0), kwargs
-    for change in wanted:
+    for change in [*DISTURBANCES, *camera_losses(config)] if wanted is None else wanted:
         for grade, size in zip(change.grades, change.sizes, strict=True):
             score = Score(change.kind, change.family, grade, size, change.unit, nan, nan, nan, 0)
-            yield score, {**config.env_kwargs, **change.settings(size)}
+            yield score, {**steady, **change.settings(size)}
 
 
 def score_disturbances(
@@ -142,7 +165,7 @@ def score_disturbances(
     config: Config,
     initial_states: Sequence[InitialState],
     n_envs: int = 1,
-    wanted: Sequence[Disturbance] = DISTURBANCES,
+    wanted: Sequence[Disturbance] | None = None,
     progress: Callable[[int], object] = lambda n_done: None,
 ) -> list[Score]:
     """Score an agent in all worlds.
@@ -152,7 +175,7 @@ def score_disturbances(
         config: Of its run.
         initial_states: Resets to begin from, the same in every world.
         n_envs: Environments that are stepped together.
-        wanted: The disturbances.
+        wanted: The disturbances; None for all, as in `worlds`.
         progress: Called with the number of worlds that are done.
     """
     scores = []

@@ -63,12 +63,12 @@ class StereoCnn(BaseFeaturesExtractor):
         check_choice("hidden_norm", hidden_norm, HIDDEN_NORMS)
         blurred = None if blur is None else Blur(shape, blur, downsample)
         shape = shape if blurred is None else blurred.shape
-        convs = _make_convs(shape[0], n_filters, kernel_sizes, strides, batch_norm=hidden_norm == "batch")
-        flat_dim = _flat_dim(convs, shape)
+        convs = make_convs(shape[0], n_filters, kernel_sizes, strides, batch_norm=hidden_norm == "batch")
+        flat_dim = flat_dim_of(convs, shape)
         super().__init__(observation_space, embedding_dim or features_dim or flat_dim)
         self.autocast = autocast
         self.blur = blurred or nn.Identity()
-        self.input_norm = _make_input_norm(input_norm, shape)
+        self.input_norm = make_input_norm(input_norm, shape)
         self.convs = convs
         self.fc = nn.Sequential()
         if features_dim is not None:
@@ -113,14 +113,14 @@ def _channels_last(images: th.Tensor) -> th.Tensor:
     return images.contiguous(memory_format=th.channels_last)
 
 
-def _make_input_norm(input_norm: str, shape: Sequence[int]) -> nn.Module:
+def make_input_norm(input_norm: str, shape: Sequence[int]) -> nn.Module:
     if input_norm == "pixel":
         return PixelNorm(shape)
     # Without the affine part, which the first convolution has anyway: it would cost that layer's input gradient.
     return nn.BatchNorm2d(shape[0], affine=False) if input_norm == "channel" else nn.Identity()
 
 
-def _make_convs(
+def make_convs(
     channels: int, n_filters: int | Sequence[int], kernel_sizes: Sequence[int], strides: Sequence[int], batch_norm: bool
 ) -> nn.Sequential:
     filters = [n_filters] * len(kernel_sizes) if isinstance(n_filters, int) else list(n_filters)
@@ -136,7 +136,7 @@ def _make_convs(
     return nn.Sequential(*layers)
 
 
-def _flat_dim(convs: nn.Sequential, shape: Sequence[int]) -> int:
+def flat_dim_of(convs: nn.Sequential, shape: Sequence[int]) -> int:
     """Count the outputs with a dry pass, in evaluation mode: a training pass would enter the running statistics."""
     convs.eval()
     try:

@@ -33,7 +33,7 @@ def test_cameras_are_given_by_their_names() -> None:
     assert camera_specs([RIGHT, "left"]) == (RIGHT, LEFT)
     with pytest.raises(ValueError) as error:
         camera_specs(["lfet"])
-    assert str(error.value) == "unknown camera 'lfet'; those with a name are left, right"
+    assert str(error.value) == "unknown camera 'lfet'; those with a name are left, right, back_left, back_right"
 
 
 def test_a_record_names_the_cameras_of_the_pair() -> None:

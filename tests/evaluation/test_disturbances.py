@@ -18,6 +18,7 @@ from sb3_stereo.evaluation.disturbances import (
     DISTURBANCES,
     GRADES,
     Score,
+    camera_losses,
     draw,
     mean_success,
     read_scores,
@@ -47,7 +48,9 @@ def config() -> Any:
 
 def test_every_world_is_one_that_the_environment_can_make(config: Any) -> None:
     made = list(worlds(config))
-    assert made[0][0].kind == CLEAN and len(made) == 1 + sum(len(change.sizes) for change in DISTURBANCES)
+    n_cameras = 2
+    n_sizes = sum(len(change.sizes) for change in DISTURBANCES)
+    assert made[0][0].kind == CLEAN and len(made) == 1 + n_sizes + n_cameras
     for _, kwargs in made:
         check_env_kwargs(config.env_id, kwargs)
 
@@ -57,6 +60,19 @@ def test_a_runs_own_randomisation_is_replaced(config: Any) -> None:
     assert [kwargs["randomize"] for _, kwargs in worlds(trained, ())] == [{}]
     noise = next(change for change in DISTURBANCES if change.kind == "noise")
     assert [kwargs for _, kwargs in worlds(trained, [noise])][1] == {"randomize": {"noise": 5.0}, "rho": 7.0}
+
+
+def test_each_camera_is_lost_in_a_world_and_none_in_the_others(config: Any) -> None:
+    four = replace(config, env_kwargs={"cameras": ["left", "back_left", "right"], "camera_loss": 0.5})
+    assert [change.kind for change in camera_losses(four)] == [
+        "camera left lost",
+        "camera back_left lost",
+        "camera right lost",
+    ]
+    kwargs = [kwargs for _, kwargs in worlds(four)]
+    assert [one.get("lost_camera") for one in kwargs[-4:]] == [None, "left", "back_left", "right"]
+    assert not any("camera_loss" in one for one in kwargs)
+    assert camera_losses(replace(config, env_id=fake_reach.ENV_ID)) == ()
 
 
 def test_kinds_are_unique_and_sizes_grow_away_from_what_changes_nothing() -> None:
