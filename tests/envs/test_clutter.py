@@ -341,3 +341,10 @@ def test_wrong_arguments_are_refused_in_one_sentence(kwargs: dict[str, Any], mes
     with pytest.raises(ValueError) as caught:
         make(**kwargs)
     assert str(caught.value) == message
+
+
+def test_mujoco_refuses_clutter() -> None:
+    pytest.importorskip("mujoco")
+    with pytest.raises(ValueError) as caught:
+        make(simulator="mujoco")
+    assert str(caught.value) == "simulator 'mujoco' has no clutter; leave it out, or take simulator 'bullet'"
