@@ -36,6 +36,7 @@ class Arm:
 
     def __init__(self, spec: ArmSpec, client: Any) -> None:
         self.spec, self._client = spec, client
+        self.other_bodies: dict[int, str] = {}  # names of what is neither the arm nor the floor, for messages
         self.step = pybullet.stepSimulation  # with the client's number; a task with bodies of its own does more
         with urdf_path(spec.urdf) as path:
             robot = read_urdf(path)
@@ -251,6 +252,23 @@ class Arm:
             )[0]
         )
 
+    @property
+    def cup_pose(self) -> tuple[Floats, Floats]:
+        """Middle of the suction cup's lip, (3,) in [m], and the direction that it points in, (3,), both world."""
+        state = self._client.getLinkState(self.body, self.cup, computeForwardKinematics=True)
+        turn = np.reshape(self._client.getMatrixFromQuaternion(state[LINK_ORIENTATION]), (3, 3))
+        return np.array(state[LINK_ORIGIN]), turn[:, 2]
+
+    @property
+    def cup_jacobian(self) -> tuple[Floats, Floats]:
+        """Derivatives by the actuated joints of the lip's position and of the cup's turn, (3, n_joints) each."""
+        state = self._client.getLinkState(self.body, self.cup, computeForwardKinematics=True)
+        lip = pybullet.invertTransform(state[2], state[3])[0]  # in the inertial frame, which is parallel
+        still = [0.0] * len(self._moving)
+        matrices = self._client.calculateJacobian(self.body, self.cup, lip, list(self.joint_positions), still, still)
+        linear, angular = (np.array(matrix) @ self.joints.gearing for matrix in matrices)
+        return linear, angular
+
     def rest_at(self, positions: Iterable[float]) -> None:
         """Put the actuated joints at `positions`, one each, in [rad], the others where they follow or rest."""
         everywhere = self.joints.gearing @ np.array(list(positions)) + self.joints.offsets
@@ -291,9 +309,12 @@ class Arm:
         self._client.performCollisionDetection()
         points = self._client.getContactPoints(self.body)
         return {
-            " and ".join(sorted(self._names[link] if body == self.body else "the floor" for body, link in pair))
+            " and ".join(sorted(self._names[link] if body == self.body else self._others(body) for body, link in pair))
             for pair in {((p[1], p[3]), (p[2], p[4])) for p in points}
         }
+
+    def _others(self, body: int) -> str:
+        return self.other_bodies.get(body, "the floor")
 
     def contacts_at(self, poses: Floats) -> list[set[str]]:
         """What touches in each of these poses, (n_poses, n_joints); the arm is left in the last."""

@@ -1,6 +1,6 @@
 """Life cycle of an environment from the first `reset` to `close`: what is allowed when, saved states, copies."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, NoReturn, TypeVar
@@ -38,8 +38,7 @@ class Lasting(Generic[Value]):
 class SavedState:
     """What `save_state` returns: the key of the world's state, and what the environment remembers besides."""
 
-    target_position: Floats
-    captured: Capture
+    attributes: Mapping[str, Any]
 
 
 class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -51,18 +50,19 @@ class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
     _world: Lasting[World] = Lasting()
     _target_position: Lasting[Floats] = Lasting()
     _captured: Lasting[Capture] = Lasting()
+    _of_episode: tuple[str, ...] = ("_target_position", "_captured")  # attributes that a saved state has
 
     def close(self) -> None:
         """Disconnect from Bullet; a second call does nothing."""
         attributes = vars(self)
         if "_world" in attributes:
             self._world.close()
-        for name in ("_world", "_target_position", "_captured"):
+        for name in ("_world", *self._of_episode):
             attributes.pop(name, None)
 
     def save_state(self) -> SavedState:
         """Everything that the coming steps depend on. Free it with `remove_state`."""
-        state = SavedState(self._target_position, self._captured)
+        state = SavedState({name: getattr(self, name) for name in self._of_episode})
         self._world.save(state)
         return state
 
@@ -73,7 +73,7 @@ class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
             ValueError: If another environment saved it, or it is removed.
         """
         self._world.restore(state)
-        self._target_position, self._captured = state.target_position, state.captured
+        vars(self).update(state.attributes)
 
     def remove_state(self, state: SavedState) -> None:
         """Free a saved state.

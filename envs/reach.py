@@ -24,7 +24,7 @@ from sb3_stereo.envs.arguments import (
     vector,
 )
 from sb3_stereo.envs.cameras import CameraSpec, camera_specs, mirror_each_other, plain_cameras
-from sb3_stereo.envs.capture import Floats
+from sb3_stereo.envs.capture import Capture, Floats
 from sb3_stereo.envs.clutter_spec import ClutterSpec, clutter_spec, plain_clutter
 from sb3_stereo.envs.composite import Composite, Observation
 from sb3_stereo.envs.contacts import always_colliding
@@ -36,6 +36,7 @@ from sb3_stereo.envs.simulators import world_class
 from sb3_stereo.envs.specs import plain, quoted, require
 from sb3_stereo.envs.validation import Integer, fit
 from sb3_stereo.envs.viewed import ViewedEnv
+from sb3_stereo.envs.world import World
 
 PulseWatcher = tuple[Callable[[list[float]], object], int]  # what it calls with the efforts [N m], and parts of a pulse
 MAX_DRAWS = 1000  # of an initial pose; about every second WAM pose is free
@@ -138,7 +139,7 @@ class StereoReachEnv(ViewedEnv):
         camera_loss: float = 0.0,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
-        make_world = world_class(simulator)
+        make_world = self._world_class(simulator)
         rho, distance_scale = fit(rho, Positive, "rho"), fit(distance_scale, Positive, "distance_scale")
         physics_rate, n_pulse_steps = timing(physics_rate, pulse_duration)
         check_flags(gravity_compensation=gravity_compensation, brake=brake, floor=floor, random_target=random_target)
@@ -178,6 +179,11 @@ class StereoReachEnv(ViewedEnv):
             clutter=self.clutter,
         )
         self._initial_positions = None if initial_positions is None else self._checked_start(initial_positions)
+
+    @staticmethod
+    def _world_class(simulator: str) -> type[World]:
+        """What this task is simulated in."""
+        return world_class(simulator)
 
     @staticmethod
     def _arm_spec(arm: ArmSpec | Mapping[str, Any] | str, n_joints: int | None, markers: MarkerSpec) -> ArmSpec:
@@ -252,12 +258,12 @@ class StereoReachEnv(ViewedEnv):
         with self._unchanged_by_errors():
             super().reset(seed=seed)
             self._begin(checked)
-        return self.composite(self._captured.frames), self._info(self._at_goal())
+        return self._observation(), self._info(self._at_goal())
 
     def capture(self) -> Observation:
         """What the cameras see of the arm as it stands, as an observation."""
         self._capture()
-        return self.composite(self._captured.frames)
+        return self._observation()
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply one pulse of efforts.
@@ -269,13 +275,24 @@ class StereoReachEnv(ViewedEnv):
             ValueError: If the action has another shape or is not finite.
         """
         previous = self._captured
-        efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
-        self._pulse(efforts.tolist())
+        self._act(action)
         self._world.advance(self.pulse_duration)
         self._capture()
         goal = self._at_goal()
-        changes = rewards.distance_change(previous.distances, self._captured.distances, self.distance_scale)
-        return self.composite(self._captured.frames), rewards.reward(changes, goal), goal, False, self._info(goal)
+        return self._observation(), self._reward(previous, goal), goal, False, self._info(goal)
+
+    def _act(self, action: ArrayLike) -> None:
+        """Do what an action says for one control step."""
+        efforts = np.clip(vector("action", action, len(self.arm.limits)), -1.0, 1.0) * self.effort_limits
+        self._pulse(efforts.tolist())
+
+    def _reward(self, previous: Capture, goal: bool) -> float:
+        """Eq. 3 of the way from what was seen before to what is seen now."""
+        return rewards.reward(self._changes(previous), goal)
+
+    def _changes(self, previous: Capture) -> Floats:
+        """Eq. 2 of the same, (n_views,)."""
+        return rewards.distance_change(previous.distances, self._captured.distances, self.distance_scale)
 
     def _pulse(self, efforts: list[float]) -> None:
         """Apply the efforts, in [N m], as long as a pulse lasts; whoever watches pulses looks on its way."""
@@ -405,6 +422,9 @@ class StereoReachEnv(ViewedEnv):
     # ------------------------------------------------------------------------------------------------ the view
     def _capture(self) -> None:
         self._captured = self._world.rig.capture(self._target_position)
+
+    def _observation(self) -> Observation:
+        return self.composite(self._captured.frames)
 
     def _at_goal(self) -> bool:
         distances = self.success_distances(self._captured.offsets)

@@ -71,3 +71,28 @@ def reward(changes: Floats, goal: bool) -> float:
         return -1.0
     defined = [change for change in known if not math.isnan(change)]
     return sum(defined) / len(defined) if defined else 0.0
+
+
+def lifting(changes: Floats, rise: float, goal: bool) -> float:
+    """Eq. 3 with a height besides: what came nearer in the views, and what was raised.
+
+    Both are changes of quantities that the images have, so the rewards of a path add up to those of its ends: letting
+    an object fall costs what raising it earned.
+
+    Args:
+        changes: Delta d per view of `distance_change`, shape (n_views,).
+        rise: Height that was gained, as a share of what is asked for; nan where undefined.
+        goal: Whether the episode has ended with success.
+
+    Returns:
+        A number in [-1, 1].
+    """
+    if goal:
+        return 1.0
+    if math.isnan(rise):
+        return reward(changes, False)
+    defined = [change for change in changes.tolist() if not math.isnan(change)]
+    if len(defined) == len(changes) and not any(defined) and rise == 0.0:
+        return -1.0
+    nearer = sum(defined) / len(defined) if defined else 0.0
+    return min(max(nearer + rise, -1.0), 1.0)

@@ -84,10 +84,10 @@ class World(ABC):
 
     def __post_init__(self) -> None:
         self.arm, self.cameras, self._scene = self._build()
-        self.rig = CameraRig(self._scene, self.cameras, self.arm, self.markers)
+        self.rig = self._make_rig()
         self.mirrored_joints = mirrored_joints(self.arm)
         self._finish_building()
-        self._saved: WeakKeyDictionary[object, tuple[State, Episode]] = WeakKeyDictionary()
+        self._saved: WeakKeyDictionary[object, tuple[State, Any]] = WeakKeyDictionary()
         episode, self.episode = self.episode, PLAIN
         self._become(episode)
 
@@ -129,6 +129,10 @@ class World(ABC):
             self.episode = replace(self.episode, time=self.episode.time + seconds)
             moving = [one for one in self.episode.obstacles if one.end is not None]
             self._move([one.at(self.episode.time) for one in moving])
+
+    def _make_rig(self) -> CameraRig:
+        """Let the cameras look for the markers."""
+        return CameraRig(self._scene, self.cameras, self.arm, self.markers)
 
     def vary(self, variation: Variation) -> None:
         """Become another episode's world. Where bodies are is then that of no pose: place the arm."""
@@ -187,7 +191,7 @@ class World(ABC):
     # ------------------------------------------------------------------------------------------------ states
     def save(self, key: object) -> None:
         """Keep the state of all bodies and contacts for the very object that is given as its key."""
-        self._saved[key] = self._state(), self.episode
+        self._saved[key] = self._state(), self._beside()
 
     def restore(self, key: object) -> None:
         """Go back to the state that was saved with `key`, exactly."""
@@ -198,13 +202,17 @@ class World(ABC):
         self._free_state(self._state_of(key)[0])
         del self._saved[key]
 
-    def _go_back(self, state: State, episode: Episode) -> None:
-        """Restore a simulator's state, in the world of its episode, which it does not hold."""
-        if episode is not self.episode:
-            self._become(episode)
+    def _beside(self) -> Any:
+        """What belongs to a state and is not in the simulator's."""
+        return self.episode
+
+    def _go_back(self, state: State, beside: Any) -> None:
+        """Restore a simulator's state, in the world of its episode, and what was `_beside` it."""
+        if beside is not self.episode:
+            self._become(beside)
         self._set_state(state)
 
-    def _state_of(self, key: object) -> tuple[State, Episode]:
+    def _state_of(self, key: object) -> tuple[State, Any]:
         whose = "the state is another environment's, or removed"
         require(key in self._saved, f"{whose}; give one that save_state of this environment returned")
         return self._saved[key]
@@ -212,11 +220,11 @@ class World(ABC):
     @contextmanager
     def unchanged_by_errors(self) -> Iterator[None]:
         """Go back to the state before if an error is raised within."""
-        before, episode = self._state(), self.episode
+        before, beside = self._state(), self._beside()
         try:
             yield
         except BaseException:
-            self._go_back(before, episode)
+            self._go_back(before, beside)
             raise
         finally:
             self._free_state(before)

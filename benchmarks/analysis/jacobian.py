@@ -26,25 +26,13 @@ class JacobianController:
     def __init__(self, env: Any, seed: int = 0) -> None:
         self.env, self.rng = env, np.random.default_rng(seed)
         self.low, self.high = env.arm.limits.T
-        self.travel = self._measured_travel()
+        self.travel = measured_travel(env, self.rng)
 
     def __call__(self, observation: Any, info: Mapping[str, Any]) -> Floats:
         """The action for the present state, shape (n_joints,), in [-1, 1]; a `rollouts.Policy`."""
         here = self.env.arm.actuated_positions
         action = (self._joints_at(info["target_position"], here) - here) / self.travel
         return np.asarray(action / max(1.0, np.abs(action).max()), np.float32)  # all joints arrive together
-
-    def _measured_travel(self) -> Floats:
-        """Displacement of each joint by a full pulse of it alone, the median, shape (n_joints,), in [rad]."""
-        moved = np.zeros((N_PULSES, len(self.low)))
-        for number, joint in np.ndindex(moved.shape):
-            self.env.reset(seed=int(self.rng.integers(2**31)))
-            before = self.env.arm.actuated_positions
-            action = np.zeros(len(self.low))
-            action[joint] = 1.0 if before[joint] < (self.low + self.high)[joint] / 2 else -1.0
-            self.env.step(action)
-            moved[number, joint] = abs(self.env.arm.actuated_positions[joint] - before[joint])
-        return np.asarray(np.median(moved, axis=0))
 
     def _joints_at(self, target: Floats, here: Floats) -> Floats:
         """Joint angles with the end effector at the target, the fewest pulses from `here`; else the nearest found."""
@@ -58,3 +46,22 @@ class JacobianController:
             (joints for error, joints in found if error <= nearest),
             key=lambda joints: float(np.abs((joints - here) / self.travel).max()),
         )
+
+
+def measured_travel(env: Any, rng: np.random.Generator) -> Floats:
+    """Displacement of each joint by a full pulse of it alone, the median, shape (n_joints,), in [rad].
+
+    Args:
+        env: A `StereoReachEnv`, without wrappers.
+        rng: Of the poses.
+    """
+    low, high = env.arm.limits.T
+    moved = np.zeros((N_PULSES, len(low)))
+    for number, joint in np.ndindex(moved.shape):
+        env.reset(seed=int(rng.integers(2**31)))
+        before = env.arm.actuated_positions
+        action = np.zeros(env.action_space.shape)
+        action[joint] = 1.0 if before[joint] < (low + high)[joint] / 2 else -1.0
+        env.step(action)
+        moved[number, joint] = abs(env.arm.actuated_positions[joint] - before[joint])
+    return np.asarray(np.median(moved, axis=0))

@@ -38,6 +38,7 @@ def check_command(args: argparse.Namespace) -> int:
     from sb3_stereo.config.schema import check_env_id, check_env_kwargs
     from sb3_stereo.config.values import parse_assignments
     from sb3_stereo.envs.diagnosis import describe, diagnose
+    from sb3_stereo.envs.pick import StereoPickEnv
     from sb3_stereo.envs.reach import StereoReachEnv
 
     check_env_id(args.env)
@@ -46,6 +47,9 @@ def check_command(args: argparse.Namespace) -> int:
         env = gym.make(args.env, render_mode="rgb_array", **kwargs).unwrapped
         if not isinstance(env, StereoReachEnv):
             raise ConfigError(f"{args.env} has no arm and cameras to measure; take {DEFAULT_ENV} and --env-kwargs")
+        if isinstance(env, StereoPickEnv):
+            way_out = "take WamStereoReach-v1 with the same arm and cameras"
+            raise ConfigError(f"check measures reaching, and {args.env} is a task of picking; {way_out}")
         if args.output:  # first, as it helps to understand what the measurements refuse
             save_frame(env, args.output)
         phases = Phases()

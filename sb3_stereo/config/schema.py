@@ -172,10 +172,10 @@ def overridden(config: Config, params: Mapping[str, Any]) -> Config:
 def check_env_id(env_id: str) -> None:
     """Raise a ConfigError unless the environment is registered."""
     if env_id not in gym.registry:
-        from sb3_stereo.envs import ENV_IDS, GOAL_ENV_IDS, MUJOCO_ENV_IDS
+        from sb3_stereo.envs import ENV_IDS, GOAL_ENV_IDS, MUJOCO_ENV_IDS, PICK_ENV_IDS
 
         close = [name for name in gym.registry if name.lower().startswith(env_id.lower()[:4])]
-        raise unknown("environment", env_id, {*ENV_IDS, *GOAL_ENV_IDS, *MUJOCO_ENV_IDS, *close})
+        raise unknown("environment", env_id, {*ENV_IDS, *GOAL_ENV_IDS, *MUJOCO_ENV_IDS, *PICK_ENV_IDS, *close})
 
 
 def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:

@@ -1,0 +1,56 @@
+"""What cameras see of a hand and of the object that it is to pick up."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_stereo.envs.capture import CameraRig
+from sb3_stereo.envs.colours import COLOURS, HAND, colour_mask
+from sb3_stereo.envs.marker_specs import MarkerSpec
+from sb3_stereo.envs.markers import Blobs, blob_centroids
+from sb3_stereo.envs.objects import Objects, PlacedObject
+from sb3_stereo.envs.simulators import SimulatedArm, SimulatedCamera, SimulatedScene
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+HAND_MARKER = MarkerSpec(end_effector_radius=0.035)
+
+
+class PickRig(CameraRig):
+    """Cameras that look for the end effector's ball and an object, which has a colour that no other has.
+
+    Args:
+        scene: Where the ball is.
+        cameras: One per view.
+        arm: Whose end effector is marked in red.
+        objects: Of which one is the target.
+    """
+
+    def __init__(
+        self, scene: SimulatedScene, cameras: Sequence[SimulatedCamera], arm: SimulatedArm, objects: Objects
+    ) -> None:
+        super().__init__(scene, cameras, arm, HAND_MARKER)
+        self._ball, self._objects = self.markers[0], objects
+        self.seek(0, next(iter(COLOURS)))
+
+    def seek(self, number: int, colour: str) -> None:
+        """Look for the object of a model, which is painted in a colour."""
+        self.markers, self._colour = (self._ball, self._objects.bodies[number]), COLOURS[colour]
+
+    def aim_at(self, item: PlacedObject) -> None:
+        """Look for an episode's object."""
+        self.seek(item.number, item.colour)
+
+    def find_masks(self, frame: Image) -> tuple[Image, Image]:
+        """Where a frame shows the end effector's marker and where the object: 255 there, else 0, (height, width)."""
+        return colour_mask(frame, HAND), colour_mask(frame, self._colour)
+
+    def find(self, view: int, frame: Image) -> Blobs:
+        """As in `CameraRig`."""
+        return blob_centroids(*self.find_masks(frame))
+
+    def place_markers(self, *positions: Floats) -> None:
+        """Put the red ball at the first position, (3,) in [m], world; the object is where it is."""
+        self._scene.place(self._ball, positions[0])
