@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.spaces import Box, Dict
+from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike, NDArray
 
 from sb3_stereo.envs.composite import IMAGE
@@ -13,7 +14,7 @@ from sb3_stereo.envs.goal import StereoReachGoalEnv
 GOALS = ("achieved_goal", "desired_goal")
 
 
-class WithoutImages(gym.Wrapper[Any, Any, Any, Any]):
+class WithoutImages(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """A goal environment whose observations have the joint angles, or nothing, in place of the image.
 
     Observation: `Dict` of `achieved_goal` and `desired_goal`, the markers' centres in each view, shape (2 * n_views,),
@@ -30,7 +31,8 @@ class WithoutImages(gym.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(self, env: gym.Env[Any, Any], joints: bool = True) -> None:
-        super().__init__(env)
+        RecordConstructorArgs.__init__(self, joints=joints)
+        gym.Wrapper.__init__(self, env)
         task = env.unwrapped
         if not isinstance(task, StereoReachGoalEnv):
             raise ValueError(f"WithoutImages needs the goals of WamStereoReachGoal-v0 or its like, got {task}")
