@@ -43,7 +43,8 @@ def cnn(algo: str, *arguments: str) -> Row:
 def ours(algo: str) -> Row:
     """The same algorithm with our encoder and replay: the settings of `hyperparams/ALGO.yml`."""
     whole_rollouts = ("-params", "n_steps:125", "batch_size:125") if algo == "ppo" else ()
-    return peer(f"encoder_{algo}", algo, f"{algo.upper()} with our encoder", *whole_rollouts)
+    name = "CrossQ" if algo == "crossq" else algo.upper()
+    return peer(f"encoder_{algo}", algo, f"{name} with our encoder", *whole_rollouts)
 
 
 def told(name: str, label: str) -> Row:
