@@ -13,6 +13,7 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parent.parent
 DOCS, HOME = "docs/", ("README.md", "index.md")  # in the repository, in the site
+REMARK = re.compile(r"^(\$ .*\S) {3,}(?=# )", re.MULTILINE)  # behind a command, in a column of its own
 LINK = re.compile(r"(?<=\]\()(?!\w+:)([^)#\s]+)")  # the relative target of [text](target#anchor), without the anchor
 
 
@@ -46,10 +47,10 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Let the links lead to where their targets are in the site; MkDocs warns of those that lead nowhere."""
+    """Let the links lead to where their targets are in the site, of which MkDocs warns if there is none."""
     here = to_repository(page.file.src_uri)
 
     def moved(match: re.Match[str]) -> str:
         return os.path.relpath(to_site(target(here, match[1])), os.path.dirname(page.file.src_uri) or ".")
 
-    return LINK.sub(moved, markdown)
+    return LINK.sub(moved, REMARK.sub(r"\1  ", markdown))  # commands are wrapped, see style.css

@@ -48,7 +48,8 @@ TEXT = f"""# Success in disturbed worlds
 
 {MANY} plays {N_DISTURBED} of the test poses in each world of the suite. One thing at a time is changed, by one of three
 sizes; everything else is as in training. A cell is the success in %, the mean over seeds.
-[docs/robustness.md](../docs/robustness.md) says what the changes are and how to train for them.
+[Another light, noise, moved cameras, clutter](../docs/robustness.md) says what the changes are and how to train for
+them.
 
 This page is written by `python -m benchmarks.analysis.disturbances` from `benchmarks/results/disturbances.csv`.
 """

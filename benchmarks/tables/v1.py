@@ -89,11 +89,11 @@ HEAD = """# WamStereoReach-v1: measured results
 
 Written by `python -m benchmarks.tables.v1 --report` from the records in `benchmarks/results/`; do not edit.
 
-On version 1 success is judged at ρ = 5 px, about 4.7 cm in space ([environment.md](../docs/environment.md)). The rows
+On version 1 success is judged at ρ = 5 px, about 4.7 cm in space ([The environment](../docs/environment.md)). The rows
 give the distance in space at success, and how many of the 100 test poses end in success within 5 cm (– where a seed has
 no record of it). Every agent is evaluated on the same 100 test poses, deterministically. Success is the mean over
 seeds, with the 95 % bootstrap interval of the mean; the episode length and the distance are those of the successful
-episodes. Rows of version 0: [RESULTS.md](RESULTS.md), [CLAIMS.md](CLAIMS.md).
+episodes. Rows of version 0: [Paper and v0, all rows](RESULTS.md), [Claims, all rows](CLAIMS.md).
 """
 
 

@@ -123,7 +123,9 @@ def annotated(view: View, zoom: float = 1.0, shown_height: int = VIEW_HEIGHT) ->
     if not np.isnan(points).any():
         first, second = (point.astype(int).tolist() for point in points)
         cv2.line(picture, first, second, INK, 1, cv2.LINE_AA)
-        corner = ((first[0] + second[0]) // 2 - 34, min(first[1], second[1]) - 26)
+        x = min(max((first[0] + second[0]) // 2 - 34, 2), size[0] - 74)
+        above, below = min(first[1], second[1]) - 26, max(first[1], second[1]) + 40
+        corner = (x, above if above >= 20 else below)
         cv2.rectangle(picture, corner, (corner[0] + 72, corner[1] - 18), WHITE, cv2.FILLED)
         _write(picture, f"{np.hypot(*view.blobs.offset):.1f} px", corner, INK)
     for point, colour in zip(points, (RED, BLUE), strict=True):

@@ -26,7 +26,7 @@ GIF_COLOURS, GIF_SCALE = 48, 0.8
 
 
 # Beside the cameras, nearer and a little higher, so that floor and shadow show how far the hand is from the target.
-OVERVIEW = CameraSpec("scene", (2.5, -1.25, 1.45), (0.15, 0.0, 0.55), horizontal_fov=0.7, near=0.5, far=8.0)
+OVERVIEW = CameraSpec("scene", (2.5, -1.25, 1.45), (0.15, 0.0, 0.65), horizontal_fov=0.78, near=0.5, far=8.0)
 
 
 class Predictor(Protocol):
@@ -167,17 +167,23 @@ class Mp4:
 
 
 class Gif:
-    """An endless .gif, small enough for a page; by Pillow."""
+    """An endless .gif, small enough for a page; by Pillow.
 
-    def __init__(self, file: Path, fps: float) -> None:
-        self.file, self.fps = file, fps
+    Args:
+        file: What it is written to.
+        fps: Pictures per second.
+        scale: Of its pictures.
+    """
+
+    def __init__(self, file: Path, fps: float, scale: float = GIF_SCALE) -> None:
+        self.file, self.fps, self.scale = file, fps, scale
         self._palette: Any = None
         self._pictures: list[Any] = []
         self._milliseconds: list[int] = []
 
     def write(self, picture: Image, n: int) -> None:
         """Append an RGB picture that stands for `n` frames."""
-        small = cv2.resize(picture, None, fx=GIF_SCALE, fy=GIF_SCALE, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(picture, None, fx=self.scale, fy=self.scale, interpolation=cv2.INTER_AREA)
         if self._palette is None:  # one for all, so that what stands still costs nothing
             inks = np.full((40, small.shape[1], 3), GREEN, np.uint8)
             self._palette = pillow.fromarray(np.vstack([small, inks])).quantize(GIF_COLOURS)

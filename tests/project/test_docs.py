@@ -204,3 +204,9 @@ def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> 
         assert result.returncode == 0, f"{command}\n{result.stderr}"
         ran.append(module)
     assert {module.removeprefix("sb3_stereo.commands.") for module in ran} == set(TINY)
+
+
+@pytest.mark.parametrize("path", [path for path in TEXTS if path.name != "README.md"], ids=lambda path: path.name)
+def test_links_say_where_they_lead_in_words(path: Path) -> None:
+    text = FENCE.sub("", path.read_text(encoding="utf-8"))
+    assert re.findall(r"\[`?([\w./-]+\.md)`?\]\(", text) == []

@@ -1,4 +1,4 @@
-"""The pages fit into a desktop's and a phone's window, and the browser has nothing to complain about."""
+"""The pages fit into a desktop's and a phone's window, commands included, and the browser does not complain."""
 
 import http.server
 import json
@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 CHROMIUM = next((found for name in ("chromium", "google-chrome", "chrome") if (found := shutil.which(name))), None)
 WIDTHS = (1280, 390)  # [px], a desktop and a phone
-# Loads every page into a frame of each width, and sends how much wider than that its content is.
+# Loads every page into a frame of each width, and sends how much wider its content is, and commands that are cut.
 MEASURE = """<!doctype html><body><script>
 const pages = %s, widths = %s, result = {};
 (async () => {
@@ -26,7 +26,11 @@ const pages = %s, widths = %s, result = {};
     frame.src = page;
     document.body.append(frame);
     await new Promise(resolve => frame.onload = resolve);
-    result[`${page} at ${width}`] = frame.contentDocument.documentElement.scrollWidth - width;
+    const root = frame.contentDocument.documentElement;
+    result[`${page} at ${width}`] = root.scrollWidth - width;
+    for (const block of root.querySelectorAll(".language-console code"))
+      if (block.scrollWidth > block.clientWidth)
+        result[`${block.innerText} in ${page} at ${width}`] = block.scrollWidth;
     frame.remove();
   }
   await fetch("/result", {method: "POST", body: JSON.stringify(result)});
@@ -84,6 +88,6 @@ def test_no_page_is_wider_than_its_window_and_no_console_complains(site: Path, t
     assert len(pages) > 15
     (site / "measure.html").write_text(MEASURE % (json.dumps(pages), json.dumps(WIDTHS)))
     result, complaints = measured(site, tmp_path / "browser")
-    assert len(result) == len(pages) * len(WIDTHS)
+    assert len(result) >= len(pages) * len(WIDTHS)
     assert {page: by for page, by in result.items() if by > 0} == {}
     assert complaints == []

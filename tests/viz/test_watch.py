@@ -185,6 +185,17 @@ def test_rings_are_around_the_markers_wherever_the_view_is_zoomed(zoom: float) -
     np.testing.assert_allclose(pure.mean(axis=0)[::-1], expected, atol=1.0)
 
 
+def test_the_distance_is_whole_wherever_the_markers_are() -> None:
+    frame = np.full((240, 320, 3), 255, np.uint8)
+    inks = []
+    for x, y in ((160, 120), (160, 12), (4, 120), (316, 12), (316, 236)):
+        blobs = Blobs(np.array([x, y], float), np.array([x, y - 1.0]))
+        picture = annotated(View("left", frame, blobs))
+        grey = (picture.max(axis=2) - picture.min(axis=2) < 30) & (picture.max(axis=2) < 200)
+        inks.append(int(grey.sum()))
+    assert max(inks) - min(inks) < 0.1 * max(inks), inks
+
+
 def test_a_hidden_marker_gets_no_ring_and_no_distance() -> None:
     hidden = Blobs(np.full(2, np.nan), np.full(2, np.nan))
     picture = annotated(View("left", np.full((240, 320, 4), 255, np.uint8), hidden))
