@@ -86,10 +86,10 @@ Written by `python -m benchmarks.tables.claims --report` from the records in `be
 
 Success, episode lengths and intervals are those of [Paper and v0, all rows](RESULTS.md). With randomised targets, each
 of the 100 test poses has a target of its own. An agent that is given one view twice is rewarded and judged by that view
-alone: its goal is a line of sight, and its success is not comparable. What is comparable is the distance in space in the
-last table. Such an agent is trained without mirror-symmetry augmentation, so both views are also measured without it. The
-reference path is the learner without what makes it fast (`benchmarks/tables/reference.py`): NCHW convolutions, an Adam
-that is not fused.
+alone: its goal is a line of sight, and its success is not comparable. What is comparable is the distance in space in
+the last table. Such an agent is trained without mirror-symmetry augmentation, so both views are also measured without
+it. The reference path is the learner without what makes it fast (`benchmarks/tables/reference.py`): NCHW convolutions,
+an Adam that is not fused.
 """
 
 

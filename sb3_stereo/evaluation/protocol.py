@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 from sb3_stereo.building.factory import make_env
 from sb3_stereo.building.workers import close, deaths_are_errors
 from sb3_stereo.config.components import Component
-from sb3_stereo.envs import ENV_IDS, TWIN_OF
+from sb3_stereo.envs import ENV_IDS, GOAL_ENV_IDS, TWIN_OF
 from sb3_stereo.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -164,8 +164,14 @@ def random_initial_states(n: int, seed: int) -> list[InitialState]:
 
 
 def eval_initial_states(env_id: str, env_kwargs: Mapping[str, Any] | None = None) -> list[InitialState]:
-    """Return the fixed initial states of an evaluation: our test poses; for other arms or tasks, 100 seeded resets."""
-    if env_id in (*ENV_IDS, *TWIN_OF) and not {"arm", "n_joints"} & set(env_kwargs or {}):
+    """Return the fixed initial states of an evaluation: our test poses; for other arms or tasks, 100 seeded resets.
+
+    A goal environment with a fixed target is the task of version 1, and so are its poses.
+    """
+    kwargs = env_kwargs or {}
+    if env_id in GOAL_ENV_IDS and kwargs.get("random_target") is False:
+        env_id = env_id.replace("Goal-v0", "-v1")
+    if env_id in (*ENV_IDS, *TWIN_OF) and not {"arm", "n_joints"} & set(kwargs):
         return pose_initial_states(*_test_table(env_id))
     return random_initial_states(N_TEST_POSES, seed=0)
 
