@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_stereo.envs.bullet import pybullet
+from sb3_stereo.envs.bullet_urdf import bullet_says, load_urdf
 from sb3_stereo.envs.damping import MAX_EXPLICIT_LOSS, ImplicitDamping, JointSpace, explicit_loss
 from sb3_stereo.envs.joints import MovingJoint, make_joints
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import quoted, require, require_known
 from sb3_stereo.envs.suction_cup import CUP_LINK, with_suction_cup
-from sb3_stereo.envs.urdf import bullet_says, load_urdf, mimics, read_urdf, urdf_path, without_inertia
+from sb3_stereo.envs.urdf import mimics, read_urdf, urdf_path, without_inertia
 
 Floats = NDArray[np.float64]
 

@@ -36,7 +36,6 @@ def native_output(descriptor: int) -> Iterator[list[str]]:
 
 with native_output(2):  # "pybullet build time: ..."
     import pybullet as pybullet
-    import pybullet_data as pybullet_data
     from pybullet_utils.bullet_client import BulletClient as BulletClient
 
 

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.specs import plain, quoted, read_yaml, require, require_known
 from sb3_stereo.envs.validation import STRICT, Integer, Quantity, Text, Vector, explained, from_map
 
-Frame = NDArray[np.uint8]
+Single = NDArray[np.float32]  # shape (3,)
 
 MAX_SIDE = 4096  # [px], of a frame: 64 MiB
 Pixels = Annotated[Integer, Field(ge=1, le=MAX_SIDE)]
@@ -64,7 +63,14 @@ class CameraSpec:
     @property
     def view_matrix(self) -> tuple[float, ...]:
         """World to camera, 16 numbers in OpenGL's order."""
-        return tuple(pybullet.computeViewMatrix(self.position, self.target, self.up))
+        eye, target, up = (np.array(vector, np.float32) for vector in (self.position, self.target, self.up))
+        with np.errstate(all="ignore"):  # the constructor refuses what comes of too small a number
+            forward = _unit(target - eye)
+            aside = _unit(_cross(forward, _unit(up)))
+            up = _cross(aside, forward)
+            shift = [-_dot(aside, eye), -_dot(up, eye), _dot(forward, eye)]
+        axes = np.stack([aside, up, -forward], axis=1)  # (3, 3)
+        return tuple(np.block([[axes, np.zeros((3, 1))], [np.array(shift), 1.0]]).ravel().tolist())
 
     @property
     def projection_matrix(self) -> tuple[float, ...]:
@@ -75,10 +81,17 @@ class CameraSpec:
         """
         aspect = self.width / self.height
         vertical_fov = 2 * math.atan(math.tan(self.horizontal_fov / 2) / aspect)
-        matrix = list(pybullet.computeProjectionMatrixFOV(math.degrees(vertical_fov), aspect, self.near, self.far))
-        matrix[8] += 1 / self.width  # times z, which w is the negative of
-        matrix[9] += 1 / self.height
-        return tuple(matrix)
+        # In single precision and in Bullet's order, to the bit.
+        tangent = math.tan(float(np.float32(math.pi)) / 180.0 * float(np.float32(math.degrees(vertical_fov))) / 2)
+        height = np.float32(1 / tangent if tangent else np.inf)
+        near, far = np.array((self.near, self.far), np.float32)
+        matrix = np.zeros(16)
+        matrix[[0, 5, 11]] = height / np.float32(aspect), height, -1.0
+        with np.errstate(all="ignore"):  # as above
+            matrix[[10, 14]] = (near + far) / (near - far), np.float32(2.0) * far * near / (near - far)
+        matrix[8] = 1 / self.width  # times z, which w is the negative of
+        matrix[9] = 1 / self.height
+        return tuple(matrix.tolist())
 
     @property
     def scale(self) -> float:
@@ -110,6 +123,21 @@ class CameraSpec:
         device = homogeneous[..., :2] / homogeneous[..., 3:]  # in [-1, 1], y up
         shift = np.array([0.0, 1.0])  # TinyRenderer's rows start at the bottom: its sample is one row lower
         return np.asarray((np.array([1.0, -1.0]) * device + 1.0) / 2 * np.array([self.width, self.height]) - shift)
+
+
+# In single precision and in the order of Bullet's computeViewMatrix, to the bit.
+def _unit(vector: Single) -> Single:
+    return np.asarray(vector * (np.float32(1.0) / np.sqrt(_dot(vector, vector))))
+
+
+def _cross(one: Single, other: Single) -> Single:
+    (a, b, c), (x, y, z) = one, other
+    return np.array([b * z - c * y, c * x - a * z, a * y - b * x], np.float32)
+
+
+def _dot(one: Single, other: Single) -> Any:
+    (a, b, c), (x, y, z) = one, other
+    return a * x + b * y + c * z
 
 
 def stereo_pair(

@@ -1,8 +1,6 @@
 """A robot's URDF: found, read, and rejected where Bullet would silently load something else."""
 
 import os
-import re
-import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator
@@ -10,10 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 
-from sb3_stereo.envs.bullet import native_output, pybullet, pybullet_data
 from sb3_stereo.envs.specs import as_number, quoted, require, require_known, require_readable
 
 MESHES = (".obj", ".stl", ".dae")  # that Bullet reads
@@ -38,12 +34,21 @@ def urdf_path(path: str) -> Iterator[str]:
         ValueError: If there is none, or it is empty or huge.
     """
     with as_file(files("sb3_stereo.envs") / "assets") as assets:
-        places = assets, Path(pybullet_data.getDataPath()), Path()
+        places = assets, *_pybullet_data(), Path()
         paths = [str(place / os.path.expanduser(path)) for place in places]  # a full path stays itself
         found = next(filter(os.path.isfile, paths), path)
         package = "packages of ROS are not searched, so " if path.startswith("package://") else ""
         require_readable(found, "robot", f"{package}give a path, or a URDF of envs/assets or of pybullet_data")
         yield os.path.abspath(found)  # Bullet looks for meshes in the folders that it names
+
+
+def _pybullet_data() -> list[Path]:
+    """The folder of robots that comes with PyBullet, if that is installed."""
+    try:
+        import pybullet_data
+    except ImportError:
+        return []
+    return [Path(pybullet_data.getDataPath())]
 
 
 def read_urdf(path: str) -> ET.Element:
@@ -189,40 +194,3 @@ def _resolved(name: str, found: dict[str, Mimic], path: str) -> Mimic:
 def without_inertia(robot: ET.Element) -> list[str]:
     """Names of the links that the file gives no mass, such as frames at the tool."""
     return [link.get("name", "") for link in robot.iterfind("link") if link.find("inertial") is None]
-
-
-def load_urdf(client: Any, path: str, position: Any, orientation: Any, flags: int) -> int:
-    """Load a robot, fixed at its base, and return its body; what Bullet says of the file becomes one warning.
-
-    Raises:
-        ValueError: If Bullet cannot load it or one of its meshes.
-    """
-    with bullet_says() as said:
-        try:
-            body = int(client.loadURDF(path, position, orientation, useFixedBase=True, flags=flags))
-        except pybullet.error as error:
-            body, reason = -1, str(error)
-    sentences = list(dict.fromkeys(said))
-    all_said = "; ".join(sentences).replace(":;", ":").replace(";;", ";")
-    if body < 0:
-        raise ValueError(f"Bullet cannot load {quoted(path)} ({all_said or reason}); check it and the meshes it names")
-    for sentence in sentences:
-        mesh = re.search(r"cannot extract .*'(.*)'", sentence)
-        require(
-            mesh is None, f"Bullet finds no shape in the mesh {quoted(mesh and mesh[1])} of {quoted(path)}; check it"
-        )
-    if sentences:
-        warnings.warn(f"Bullet says of {quoted(path)}: {all_said}", stacklevel=2)
-    return body
-
-
-@contextmanager
-def bullet_says() -> Iterator[list[str]]:
-    """Collect the warnings that Bullet's C++ prints on standard output, where they would break a command's JSON."""
-    lines: list[str] = []
-    with native_output(1) as printed:
-        yield lines
-    for text in printed:
-        text = re.sub(r"No inertial data for link, using mass=1.*\n?.*", "", text)  # not with us
-        text = re.sub(r"b3(Warning|Error|Printf)\[[^\]]*\]:?\n?", "\n", text)
-        lines += [line for line in map(str.strip, text.split("\n")) if line]

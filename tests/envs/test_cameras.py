@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.cameras import STEREO_PAIR, CameraSpec, stereo_pair
 
 
@@ -52,3 +53,17 @@ def test_a_camera_that_sees_nothing_is_refused(arguments: dict[str, Any], messag
     with pytest.raises(ValueError) as error:
         CameraSpec("top", **{"position": (0.0, 0.0, 3.0), "target": (0.1, 0.0, 0.0), **arguments})
     assert str(error.value) == message
+
+
+def test_matrices_are_those_of_bullet_to_the_bit() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        position, target, up = rng.normal(size=(3, 3)) * [[5.0], [0.5], [1.0]]
+        fov, near = rng.uniform(0.1, 2.9), rng.uniform(0.01, 5.0)
+        width, height = rng.integers(10, 700, 2).tolist()
+        spec = CameraSpec("any", tuple(position), tuple(target), tuple(up), fov, width, height, near, near + 3.0)
+        assert spec.view_matrix == pybullet.computeViewMatrix(position.tolist(), target.tolist(), up.tolist())
+        vertical_fov = math.degrees(2 * math.atan(math.tan(fov / 2) / (width / height)))
+        expected = np.array(pybullet.computeProjectionMatrixFOV(vertical_fov, width / height, near, near + 3.0))
+        expected[8:10] += 1 / width, 1 / height
+        assert spec.projection_matrix == tuple(expected)

@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -224,3 +226,15 @@ def test_there_is_no_window(opengl: None, monkeypatch: pytest.MonkeyPatch) -> No
         StereoReachEnv(render_mode="human", simulator="mujoco")
     expected = "simulator 'mujoco' has no window for render_mode 'human'; use render_mode 'rgb_array'"
     assert str(error.value) == expected
+
+
+def test_mujoco_needs_no_pybullet(opengl: None) -> None:
+    code = (
+        "import sys; sys.modules['pybullet'] = sys.modules['pybullet_data'] = None\n"
+        "import gymnasium, sb3_stereo\n"
+        "env = gymnasium.make('WamStereoReachMujoco-v0')\n"
+        "env.reset(seed=0)\n"
+        "print(env.step(env.action_space.sample())[0].shape)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "(1, 84, 84)\n"
