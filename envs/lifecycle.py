@@ -40,6 +40,12 @@ class SavedState:
 
     attributes: Mapping[str, Any]
 
+    @property
+    def target_position(self) -> Floats:
+        """Of the target, shape (3,), in [m], world."""
+        target: Floats = self.attributes["_target_position"]
+        return target
+
 
 class SimulatedEnv(gym.Env[Observation, NDArray[np.float32]]):
     """An environment in a `World`, of which a copy is a world of its own (see there).

@@ -22,6 +22,7 @@ from sb3_stereo.tuning.report import tell_failures
 
 RANDOM_CHECKPOINTS = (2500, 5000, 10_000, 15_000, 20_000, 30_000)
 FREQUENT = ("--eval-freq", "500")
+CAMERAS = "docs/examples/turned_cameras.yml"
 
 
 def on(env_id: str, name: str, algo: str, label: str, *arguments: str, checkpoints: Sequence[int]) -> Row:
@@ -48,6 +49,27 @@ ROBUST = on(
     *AUGMENTATION,
     checkpoints=OUR_CHECKPOINTS,
 )
+# What changes between the agent that ships and the task that it is fine-tuned to; all else is as in training.
+CHANGES = {
+    "target": ("a target 20 cm higher", "--env-kwargs", "target_position:[0.5,0.0,0.8]"),
+    "cameras": ("cameras turned by 20 degrees", "--env-kwargs", f"cameras:{CAMERAS}"),
+    "efforts": ("efforts half as large again", "--env-kwargs", "effort_limits:[30,45,15,7.5]"),
+}
+TUNING_CHECKPOINTS = (250, 500, 1000, 1500, 2000)
+SHIPPED = "sb3_stereo/pretrained/ddpg/WamStereoReach-v1_1/WamStereoReach-v1.zip"
+# The agent acts at once, and explores half as much as one that knows nothing.
+TUNING = ("-i", SHIPPED, "--eval-freq", "250", "-params", "learning_starts:100", "exploration.initial_epsilon:0.5")
+
+
+def changed(name: str, tuned: bool) -> Row:
+    """Our DDPG on a changed task, from the agent that ships or from scratch."""
+    label, *arguments = CHANGES[name]
+    how, settings = ("tuned", TUNING) if tuned else ("scratch", FREQUENT)
+    label = f"{label}, {'from the agent that ships' if tuned else 'from scratch'}"
+    checkpoints = TUNING_CHECKPOINTS if tuned else OUR_CHECKPOINTS
+    return on("WamStereoReach", f"{how}_{name}", "ddpg", label, *arguments, *settings, checkpoints=checkpoints)
+
+
 SECTIONS = {
     "Fixed target": (
         OURS,
@@ -56,6 +78,7 @@ SECTIONS = {
         *(paper("dqn", gamma) for gamma in (0.2, 0.5, 0.9)),
     ),
     "Augmented images": (ROBUST,),
+    "Fine-tuning": tuple(changed(name, tuned) for name in CHANGES for tuned in (True, False)),
     "Randomised targets": (
         on(
             "WamStereoReachRandom",
