@@ -63,7 +63,7 @@ def step_parts() -> dict[str, Candidate]:
     watched = [
         patch.object(owner, name, parts.watch(part, getattr(owner, name)))
         for part, owner, name in (
-            ("simulation", pybullet, "stepSimulation"),
+            ("simulation", inner.arm, "step"),
             ("efforts", pybullet, "setJointMotorControlArray"),
             ("blobs", inner._world.rig, "find"),
         )
