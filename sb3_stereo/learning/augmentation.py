@@ -141,12 +141,14 @@ class ImageAugmentation:
         split = (2 * n, -1, layout.n_views, height, width)
         views = images.reshape(split).astype(np.float32).transpose(0, 2, 1, 3, 4)  # (2 * n, n_views, channels, h, w)
         luminance = views[:, :, ::2] if layout.marker_map else views
+        lost = ~luminance.any(axis=(2, 3, 4), keepdims=True)  # a camera that is black shows no noise either
         zooms = rng.uniform(1 - self.zoom, 1 + self.zoom, (n, layout.n_views))
         self._change_tone_and_background(luminance, rng)
         self._warp(views, np.concatenate([zooms, zooms]), rng)
         self._cover(luminance, rng)
         self._relight(luminance, rng)
         self._add_noise(luminance, rng)
+        np.copyto(luminance, 0.0, where=lost)
         changed = np.clip(views, 0, 255, out=views).astype(np.uint8).transpose(0, 2, 1, 3, 4)
         return np.asarray(changed.reshape(images.shape), np.uint8), offsets * zooms[:, :, None].astype(np.float32)
 

@@ -53,6 +53,17 @@ def test_every_image_is_changed_by_itself() -> None:
     assert len({image.tobytes() for image in changed}) == len(changed)
 
 
+@pytest.mark.parametrize("layout", [STACK, Layout(views_in_channels=True)])
+def test_a_lost_cameras_view_stays_black(layout: Layout) -> None:
+    images = scene().reshape(2, 8, 2, 42, 84) if layout.views_in_channels else scene()
+    views = images.reshape(2, 8, 2, 42, 84)
+    views[:, ::2, 1] = 0
+    changed = ImageAugmentation().change(images, labels(8), layout, np.random.default_rng(0))[0]
+    found = changed.reshape(2, 8, 2, 42, 84)
+    assert not found[:, ::2, 1].any()
+    assert found[:, 1::2, 1].any(axis=(2, 3)).all() and found[:, :, 0].any(axis=(2, 3)).all()
+
+
 def test_a_background_is_drawn_where_it_was_white_and_nowhere_else() -> None:
     changed = change(scene(), background=1.0)
     arm = scene() < WHITE

@@ -1,0 +1,63 @@
+"""The page on clutter is made from the records alone, and they are of what they say."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import benchmarks
+from benchmarks.analysis import clutter
+from sb3_stereo.runs.pretrained import pretrained_run
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(benchmarks, "RESULTS", tmp_path / "results")
+    return tmp_path
+
+
+def lines(row: str, seed: str, success: float) -> list[dict[str, str]]:
+    agent = {"row": row, "seed": seed, "timesteps": "8500", "cameras": "2"}
+    cells = [("none", ""), ("none", "left"), ("none", "right"), ("not solid", ""), ("solid", "")]
+    scores = {"success_rate": f"{success}", "mean_steps_capped": "12.25", "within_5cm": "0.5", "n_poses": "40"}
+    return [agent | {"clutter": world, "lost": lost} | scores for world, lost in cells]
+
+
+def test_the_page_has_a_row_per_agent_and_the_views_shares(results: Path) -> None:
+    clutter.add_lines(lines("v1_robust_ddpg", "1", 0.5))
+    clutter.add_lines(lines("v1_ours_ddpg", "2", 0.1))
+    clutter.add_lines(lines("v1_ours_ddpg", "2", 0.2))  # in place of the line before
+    views = [{"clutter": "none", "left": "0.975", "all": "0.9", "two or more": "1"}]
+    found = [line for line in clutter.page(clutter.read_lines(clutter.record()), views).splitlines() if line[:1] == "|"]
+    assert found == [
+        "| agent | steps | cameras | none | not solid | solid | none, each camera lost | solid, each camera lost |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| ours, clean images, trained without clutter | 8500 | 2 | 20 (12.2) | 20 (12.2) | 20 (12.2) "
+        "| left 20, right 20 |  |",
+        "| ours, augmented images, trained without clutter | 8500 | 2 | 50 (12.2) | 50 (12.2) | 50 (12.2) "
+        "| left 50, right 50 |  |",
+        "| clutter | left | all | two or more |",
+        "| --- | --- | --- | --- |",
+        "| none | 97.5 | 90.0 | 100.0 |",
+    ]
+
+
+def test_an_agent_is_scored_in_every_clutter_and_without_each_of_its_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clutter, "N_POSES", 1)
+    found = clutter.score_run(pretrained_run("ddpg", "WamStereoReach-v1"), "v1_ours_ddpg", None, 1)
+    worlds = [(line["clutter"], line["lost"]) for line in found]
+    lost = ("", "left", "right")
+    assert worlds == [*(("none", one) for one in lost), ("not solid", ""), *(("solid", one) for one in lost)]
+    assert found[0]["success_rate"] == "1" and all(line["cameras"] == "2" for line in found)
+
+
+def test_an_unknown_agent_is_refused(results: Path, capsys: pytest.CaptureFixture[Any]) -> None:
+    assert clutter.main([str(pretrained_run("ddpg", "WamStereoReach-v1")), "--name", "mine"]) == 2
+    assert "unknown name 'mine'; the table's agents are jacobian, random," in capsys.readouterr().err
+
+
+def test_the_committed_page_is_that_of_the_committed_records() -> None:
+    scores, views = (clutter.read_lines(clutter.record(name)) for name in ("clutter", "clutter_views"))
+    assert (ROOT / "benchmarks" / "CLUTTER.md").read_text() == clutter.page(scores, views)
