@@ -1,11 +1,12 @@
 """Reaching among clutter: what the cameras see of it, and how agents and controllers do.
 
     python -m benchmarks.analysis.clutter --baselines
-    python -m benchmarks.analysis.clutter RUN --name NAME [--checkpoint STEPS]
+    python -m benchmarks.analysis.clutter RUN --name NAME [--checkpoint STEPS] [--poses N]
 
 The first counts in which views both markers are seen, and scores the Jacobian controller, which knows the state, and
-random actions. The second scores a run's agent, in the views that it was trained with. Both are recorded in
-`benchmarks/results/clutter*.csv`, from which `benchmarks/CLUTTER.md` is written; without arguments only that is done.
+random actions. The second scores a run's agent, in the views that it was trained with, and, if it was trained with lost
+cameras, without each of them. Both are recorded in `benchmarks/results/clutter*.csv`, from which
+`benchmarks/CLUTTER.md` is written; without arguments only that is done.
 """
 
 import argparse
@@ -34,7 +35,7 @@ from sb3_stereo.runs.models import load_model
 
 ENV_ID = "WamStereoReachClutter-v0"
 CLUTTERS: dict[str, Any] = {"none": None, "not solid": {"solid": False}, "solid": "default"}
-N_POSES = 40  # of an agent's scores
+N_POSES = 40  # of the test poses
 N_SEEN = 200  # episodes, of whose first pictures the views are counted
 LABELS = {
     "jacobian": "Jacobian controller, which knows the state",
@@ -47,9 +48,10 @@ COMMAND = "`python -m benchmarks.analysis.clutter`"
 TEXT = f"""# Reaching among clutter
 
 `{ENV_ID}` has things around the arm, before it and moving past
-([docs/environment.md](../docs/environment.md#clutter-more-cameras-and-lost-ones)). A cell is the success in % over the
-first {N_POSES} test poses, of one seed; in brackets are the steps, failures counted as 30. This page is written by
-{COMMAND} from `benchmarks/results/clutter.csv` and `clutter_views.csv`.
+([docs/environment.md](../docs/environment.md#clutter-more-cameras-and-lost-ones)). A row is one
+agent, and a cell its success in % over the first of the test poses; in brackets are the steps, failures counted as 30.
+This page is written by {COMMAND} from `benchmarks/results/clutter.csv` and
+`clutter_views.csv`.
 """
 
 
@@ -90,18 +92,18 @@ def score_baselines() -> list[Line]:
     return lines
 
 
-def score_run(run: Path, name: str, checkpoint: int | None, n_envs: int) -> list[Line]:
-    """Score a run's agent in all clutters, and in the first and the last with each of its cameras lost."""
+def score_run(run: Path, name: str, checkpoint: int | None, n_poses: int, n_envs: int) -> list[Line]:
+    """Score a run's agent in all clutters; in the first and the last with each camera lost, if it was trained so."""
     config, arguments = load_record(run)
     model = load_model(config, model_path(run, config.env_id, checkpoint=checkpoint))
     kwargs = {key: value for key, value in config.env_kwargs.items() if key != "camera_loss"}
     names = [camera if isinstance(camera, str) else camera["name"] for camera in kwargs.get("cameras", RIGS["stereo"])]
     agent = {"row": name, "seed": str(arguments["seed"]), "timesteps": str(checkpoint or config.n_timesteps)}
-    lines = []
+    lines, trained_so = [], bool(config.env_kwargs.get("camera_loss"))
     for clutter, spec in CLUTTERS.items():
-        for lost in ("", *(() if clutter == "not solid" else names)):
+        for lost in ("", *(names if trained_so and clutter != "not solid" else ())):
             env_fn = make_env(ENV_ID, {**kwargs, "clutter": spec, "lost_camera": lost or None}, config.env_wrapper)
-            states = eval_initial_states(ENV_ID)[:N_POSES]
+            states = eval_initial_states(ENV_ID)[:n_poses]
             score = evaluate(model, env_fn, states, n_envs, VEC_ENVS["subproc" if n_envs > 1 else "dummy"])
             lines.append(score_line(agent | {"cameras": str(len(names))}, clutter, lost, score))
             print_line(f"{clutter}, lost {lost or 'none'}: {100 * score.success_rate:.0f} %")
@@ -122,13 +124,12 @@ def page(scores: Sequence[Line], views: Sequence[Line]) -> str:
     for line in scores:
         agent = line["row"], line["seed"], line["timesteps"], line["cameras"]
         agents.setdefault(agent, {})[line["clutter"], line["lost"]] = line
-    head = ["agent", "steps", "cameras", *CLUTTERS, "none, each camera lost", "solid, each camera lost"]
+    head = ["agent", "steps", "cameras", "poses", *CLUTTERS, "none, each camera lost", "solid, each camera lost"]
     rows = []
     for (row, _, steps, cameras), cells in agents.items():
         plain = [_cell(cells[clutter, ""]) for clutter in CLUTTERS]
-        rows.append(
-            [LABELS[row], steps, cameras, *plain, *(_lost_cell(cells, clutter) for clutter in ("none", "solid"))]
-        )
+        lost = [_lost_cell(cells, clutter) for clutter in ("none", "solid")]
+        rows.append([LABELS[row], steps, cameras, cells["none", ""]["n_poses"], *plain, *lost])
     seen_head = ["clutter", *list(views[0])[1:]] if views else []
     seen = [[line["clutter"], *(f"{100 * float(share):.1f}" for share in list(line.values())[1:])] for line in views]
     about = f"\nShare in % of {N_SEEN} random episodes in whose first pictures a view shows both markers:\n\n"
@@ -163,7 +164,7 @@ def clutter_command(args: argparse.Namespace) -> int:
     if args.run is not None:
         if args.name not in LABELS:
             raise ConfigError(f"unknown name {args.name!r}; the table's agents are {', '.join(LABELS)}")
-        add_lines(score_run(Path(args.run), args.name, args.checkpoint, args.n_envs))
+        add_lines(score_run(Path(args.run), args.name, args.checkpoint, args.poses, args.n_envs))
     write_page()
     return 0
 
@@ -174,6 +175,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("run", nargs="?", metavar="RUN", help="the run's directory")
     parser.add_argument("--name", help=f"what it is a run of: {', '.join(LABELS)}")
     parser.add_argument("--checkpoint", type=at_least(1), metavar="STEPS", help="its checkpoint after so many steps")
+    parser.add_argument("--poses", type=at_least(1), default=N_POSES, help=f"test poses (default: {N_POSES})")
     parser.add_argument("--baselines", action="store_true", help="count views, score the controller and random actions")
     parser.add_argument("--n-envs", type=at_least(1), default=1, help="parallel environments (default: 1)")
     return run_command(clutter_command, parser.parse_args(argv))

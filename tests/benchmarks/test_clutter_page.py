@@ -1,5 +1,6 @@
 """The page on clutter is made from the records alone, and they are of what they say."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import pytest
 
 import benchmarks
 from benchmarks.analysis import clutter
+from sb3_stereo.runs.directory import load_record
 from sb3_stereo.runs.pretrained import pretrained_run
 
 ROOT = Path(__file__).parents[2]
@@ -32,11 +34,12 @@ def test_the_page_has_a_row_per_agent_and_the_views_shares(results: Path) -> Non
     views = [{"clutter": "none", "left": "0.975", "all": "0.9", "two or more": "1"}]
     found = [line for line in clutter.page(clutter.read_lines(clutter.record()), views).splitlines() if line[:1] == "|"]
     assert found == [
-        "| agent | steps | cameras | none | not solid | solid | none, each camera lost | solid, each camera lost |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-        "| ours, clean images, trained without clutter | 8500 | 2 | 20 (12.2) | 20 (12.2) | 20 (12.2) "
+        "| agent | steps | cameras | poses | none | not solid | solid "
+        "| none, each camera lost | solid, each camera lost |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| ours, clean images, trained without clutter | 8500 | 2 | 40 | 20 (12.2) | 20 (12.2) | 20 (12.2) "
         "| left 20, right 20 |  |",
-        "| ours, augmented images, trained without clutter | 8500 | 2 | 50 (12.2) | 50 (12.2) | 50 (12.2) "
+        "| ours, augmented images, trained without clutter | 8500 | 2 | 40 | 50 (12.2) | 50 (12.2) | 50 (12.2) "
         "| left 50, right 50 |  |",
         "| clutter | left | all | two or more |",
         "| --- | --- | --- | --- |",
@@ -44,12 +47,18 @@ def test_the_page_has_a_row_per_agent_and_the_views_shares(results: Path) -> Non
     ]
 
 
-def test_an_agent_is_scored_in_every_clutter_and_without_each_of_its_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(clutter, "N_POSES", 1)
-    found = clutter.score_run(pretrained_run("ddpg", "WamStereoReach-v1"), "v1_ours_ddpg", None, 1)
-    worlds = [(line["clutter"], line["lost"]) for line in found]
-    lost = ("", "left", "right")
-    assert worlds == [*(("none", one) for one in lost), ("not solid", ""), *(("solid", one) for one in lost)]
+@pytest.mark.parametrize("camera_loss", [0.0, 0.5])
+def test_an_agent_is_scored_in_every_clutter_and_without_its_cameras_if_it_knows_that(
+    camera_loss: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = pretrained_run("ddpg", "WamStereoReach-v1")
+    config, arguments = load_record(run)
+    trained = replace(config, env_kwargs={"camera_loss": camera_loss})
+    monkeypatch.setattr(clutter, "load_record", lambda run: (trained, arguments))
+    found = clutter.score_run(run, "v1_ours_ddpg", None, n_poses=1, n_envs=1)
+    lost = ("", "left", "right") if camera_loss else ("",)
+    worlds = [*(("none", one) for one in lost), ("not solid", ""), *(("solid", one) for one in lost)]
+    assert [(line["clutter"], line["lost"]) for line in found] == worlds
     assert found[0]["success_rate"] == "1" and all(line["cameras"] == "2" for line in found)
 
 
