@@ -48,7 +48,7 @@ COMMAND = "`python -m benchmarks.analysis.clutter`"
 TEXT = f"""# Reaching among clutter
 
 `{ENV_ID}` has things around the arm, before it and moving past
-([docs/environment.md](../docs/environment.md#clutter-more-cameras-and-lost-ones)). A row is one
+([the environment](../docs/environment.md#clutter-more-cameras-and-lost-ones)). A row is one
 agent, and a cell its success in % over the first of the test poses; in brackets are the steps, failures counted as 30.
 This page is written by {COMMAND} from `benchmarks/results/clutter.csv` and
 `clutter_views.csv`.
