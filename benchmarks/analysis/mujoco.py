@@ -38,6 +38,7 @@ LABELS = {
     "v1_robust_ddpg": "ours, augmented images",
     "v1_mujoco_ddpg": "ours, trained in MuJoCo",
 }
+NAMES = {"bullet": "Bullet", "mujoco": "MuJoCo"}
 WORLDS: dict[str, dict[str, str]] = {"undisturbed": {}, "randomised": {"randomize": "default"}}
 V1 = {"framing": "close", "markers": "hollow", "rho": 5.0, "distance_scale": 200.0}
 N_POSES, N_FRAMES = 200, 40
@@ -92,7 +93,7 @@ def add_lines(lines: Sequence[Line]) -> None:
 def scores_table(lines: Sequence[Line]) -> list[str]:
     """A row per agent with the mean over its seeds, a column per world and simulator."""
     columns = [(world, simulator) for world in WORLDS for simulator in SIMULATORS]
-    head = ["agent, seeds", *(f"{world}, {simulator.capitalize()}" for world, simulator in columns)]
+    head = ["agent, seeds", *(f"{world}, {NAMES[simulator]}" for world, simulator in columns)]
     rows = []
     for name in dict.fromkeys(line["row"] for line in lines):
         own = [line for line in lines if line["row"] == name]
@@ -201,7 +202,7 @@ def _cost(simulator: str, env: StereoReachEnv) -> list[Line]:
             start = time.process_time()
             work(action)
             times.append(1000 * (time.process_time() - start))
-        lines.append(_line(f"processor time of {part}", simulator, f"{np.median(times):.3g}", "ms"))
+        lines.append(_line(f"processor time of {part}", NAMES[simulator], f"{np.median(times):.3g}", "ms"))
     return lines
 
 
