@@ -10,10 +10,13 @@ records that in `benchmarks/results/mujoco_agreement.csv`. Either way it prints 
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +27,7 @@ from sb3_stereo.building.factory import make_env
 from sb3_stereo.commands.flags import Parser, run_command
 from sb3_stereo.console import print_line
 from sb3_stereo.envs.reach import StereoReachEnv
+from sb3_stereo.envs.robots import WAM, ArmSpec
 from sb3_stereo.envs.simulators import SIMULATORS
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.evaluation.protocol import eval_initial_states, evaluate
@@ -40,7 +44,6 @@ LABELS = {
 }
 NAMES = {"bullet": "Bullet", "mujoco": "MuJoCo"}
 WORLDS: dict[str, dict[str, str]] = {"undisturbed": {}, "randomised": {"randomize": "default"}}
-V1 = {"framing": "close", "markers": "hollow", "rho": 5.0, "distance_scale": 200.0}
 N_POSES, N_FRAMES = 200, 40
 N_RANDOMISED = 25  # of the test poses, in randomised worlds, where a frame takes several times as long
 FAR_FROM_STOPS = 0.4  # [rad], of poses whose pulses are compared in space without contacts
@@ -111,24 +114,31 @@ def scores_table(lines: Sequence[Line]) -> list[str]:
 # ---------------------------------------------------------------------------------------------------- simulators
 def agreement() -> list[Line]:
     """How far the simulators agree on the WAM in v1, and what they cost."""
-    bullet, mujoco = (StereoReachEnv(simulator=simulator, **V1) for simulator in SIMULATORS)  # type: ignore[arg-type]
-    rng = np.random.default_rng(0)
-    try:
-        bullet.reset(seed=0)
-        mujoco.reset(seed=0)
+    with _twins(WAM) as (bullet, mujoco):
         lines = [
-            *_summary(
-                "distance between the end effectors at the same joint angles", "mm", _kinematics(bullet, mujoco, rng)
-            ),
-            *_summary("difference of a joint's motion in a random control step", "%", _motion(bullet, mujoco, rng)),
-            *_views(bullet, mujoco),
+            *_summary("distance between the end effectors at the same joint angles", "mm", _kinematics(bullet, mujoco)),
+            *_summary("difference of the joints' motion in a random control step", "%", _motion(bullet, mujoco)),
         ]
-        for simulator, env in zip(SIMULATORS, (bullet, mujoco), strict=True):
-            lines += _cost(simulator, env)
+        views = _views(bullet, mujoco)
+        costs = [line for name, env in zip(SIMULATORS, (bullet, mujoco), strict=True) for line in _cost(name, env)]
+    with _twins(replace(WAM, drive_inertia=())) as (bullet, mujoco):
+        lines += _summary("the same without the drives' inertia", "%", _motion(bullet, mujoco))
+    return [*lines, *views, *costs]
+
+
+@contextmanager
+def _twins(arm: ArmSpec) -> Iterator[tuple[StereoReachEnv, StereoReachEnv]]:
+    """The task of an arm in Bullet, and in MuJoCo."""
+    made: list[Any] = [
+        gym.make(env_id, arm=arm).unwrapped for env_id in ("WamStereoReach-v1", "WamStereoReachMujoco-v0")
+    ]
+    try:
+        for env in made:
+            env.reset(seed=0)
+        yield made[0], made[1]
     finally:
-        bullet.close()
-        mujoco.close()
-    return lines
+        for env in made:
+            env.close()
 
 
 def _summary(quantity: str, unit: str, values: Iterable[float]) -> list[Line]:
@@ -152,14 +162,15 @@ def _poses(env: StereoReachEnv, rng: np.random.Generator, margin: float = 0.0) -
             yield pose
 
 
-def _kinematics(bullet: StereoReachEnv, mujoco: StereoReachEnv, rng: np.random.Generator) -> Iterable[float]:
-    for pose in _poses(bullet, rng):
+def _kinematics(bullet: StereoReachEnv, mujoco: StereoReachEnv) -> Iterable[float]:
+    for pose in _poses(bullet, np.random.default_rng(0)):
         mujoco.arm.rest_at(pose)
         yield 1000 * float(np.linalg.norm(bullet.arm.end_effector_position - mujoco.arm.end_effector_position))
 
 
-def _motion(bullet: StereoReachEnv, mujoco: StereoReachEnv, rng: np.random.Generator) -> Iterable[float]:
+def _motion(bullet: StereoReachEnv, mujoco: StereoReachEnv) -> Iterable[float]:
     """Distance of the joints after one control step, over the distance that they went; nothing touches in Bullet."""
+    rng = np.random.default_rng(0)
     for pose in _poses(bullet, rng, margin=FAR_FROM_STOPS):
         efforts = (0.3 * rng.uniform(-1.0, 1.0, len(pose)) * bullet.effort_limits).tolist()
         mujoco._world.place_arm(pose)

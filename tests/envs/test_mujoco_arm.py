@@ -82,14 +82,23 @@ def test_a_drive_is_felt_by_its_joint_alone() -> None:
 
 
 def test_a_pulse_moves_a_free_joint_as_far_as_in_bullet(client: Client) -> None:
-    """Without drives, and away from stops, within 2 % of how far the pulse moves the arm."""
+    """Without drives, and away from stops, within 0.01 % of how far the pulse moves the arm."""
     bullet, (twin, _, _) = Arm(WITHOUT_DRIVES, client), arm_of(WITHOUT_DRIVES)
     for pose in poses_of(bullet, 20, seed=1) * 0.3:
         for joint_number in range(4):
             efforts = np.zeros(4)
             efforts[joint_number] = 0.5 * WAM.effort_limits[joint_number]
             moved, expected = mujoco_pulse(twin, pose, efforts), bullet_pulse(client, bullet, pose, efforts)
-            np.testing.assert_allclose(moved, expected, atol=0.02 * np.abs(expected).max())
+            np.testing.assert_allclose(moved, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_with_its_drives_a_pulse_moves_an_arm_nearly_as_far(client: Client) -> None:
+    """Bullet adds their inertia to the links, where earlier joints feel it too: within 5 %."""
+    bullet, (twin, _, _) = Arm(WAM, client), arm_of(WAM)
+    for pose in poses_of(bullet, 20, seed=2) * 0.3:
+        efforts = 0.3 * np.random.default_rng(3).uniform(-1, 1, 4) * WAM.effort_limits
+        moved, expected = mujoco_pulse(twin, pose, efforts), bullet_pulse(client, bullet, pose, efforts)
+        assert np.linalg.norm(moved - expected) < 0.05 * np.linalg.norm(expected)
 
 
 def test_stops_hold() -> None:
