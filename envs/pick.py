@@ -77,7 +77,7 @@ class StereoPickEnv(StereoReachEnv):
         breaking_force: float = BREAKING_FORCE,
         phase: str | None = None,
         framing: str = "close",
-        rho: float = 35.0,
+        rho: float = 30.0,
         distance_scale: float = 200.0,
         **kwargs: Any,
     ) -> None:
@@ -110,6 +110,20 @@ class StereoPickEnv(StereoReachEnv):
         """As in `StereoReachEnv`."""
         resolved = StereoReachEnv.plain_kwargs(kwargs)
         return resolved | ({"target": plain(target_of(kwargs["target"]))} if "target" in kwargs else {})
+
+    @property
+    def goal_verb(self) -> str:  # type: ignore[override]
+        """As in `StereoReachEnv`."""
+        return "reached" if self.phase == "reach" else "lifted"
+
+    @property
+    def goal_text(self) -> str:
+        """As in `StereoReachEnv`."""
+        if self.phase == "reach":
+            return super().goal_text
+        lifted = 100 * (self._height(self._captured) - self._standing)
+        seen = f"lifted {lifted:.0f} cm" if np.isfinite(lifted) else "the object is hidden"
+        return f"{seen} of {100 * LIFT:.0f} cm"
 
     # ------------------------------------------------------------------------------------------------ a control step
     def _act(self, action: ArrayLike) -> None:

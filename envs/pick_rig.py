@@ -5,17 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.capture import CameraRig
 from sb3_stereo.envs.colours import COLOURS, HAND, colour_mask
 from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.markers import Blobs, blob_centroids
 from sb3_stereo.envs.objects import Objects, PlacedObject
-from sb3_stereo.envs.simulators import SimulatedArm, SimulatedCamera, SimulatedScene
+from sb3_stereo.envs.simulators import SimulatedCamera, SimulatedScene
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 HAND_MARKER = MarkerSpec(end_effector_radius=0.035)
+BEHIND_LIP = 0.045  # [m], the middle of that ball: it leaves a centimetre of the cup, and the wrist hides it seldom
 
 
 class PickRig(CameraRig):
@@ -24,14 +26,13 @@ class PickRig(CameraRig):
     Args:
         scene: Where the ball is.
         cameras: One per view.
-        arm: Whose end effector is marked in red.
+        arm: With a suction cup, which is marked in red.
         objects: Of which one is the target.
     """
 
-    def __init__(
-        self, scene: SimulatedScene, cameras: Sequence[SimulatedCamera], arm: SimulatedArm, objects: Objects
-    ) -> None:
+    def __init__(self, scene: SimulatedScene, cameras: Sequence[SimulatedCamera], arm: Arm, objects: Objects) -> None:
         super().__init__(scene, cameras, arm, HAND_MARKER)
+        self._cupped_arm = arm
         self._ball, self._objects = self.markers[0], objects
         self.seek(0, next(iter(COLOURS)))
 
@@ -51,6 +52,9 @@ class PickRig(CameraRig):
         """As in `CameraRig`."""
         return blob_centroids(*self.find_masks(frame))
 
-    def place_markers(self, *positions: Floats) -> None:
-        """Put the red ball at the first position, (3,) in [m], world; the object is where it is."""
-        self._scene.place(self._ball, positions[0])
+    def _place_markers(self, target_position: Floats) -> Floats:
+        """Put the red ball around the cup; where it is then, (3,) in [m], world. The object is where it is."""
+        lip, axis = self._cupped_arm.cup_pose
+        position: Floats = lip - BEHIND_LIP * axis
+        self._scene.place(self._ball, position)
+        return position

@@ -46,7 +46,7 @@ class PickWorld(BulletWorld):
         self.objects = Objects(self._client)
         self.suction = Suction(self._client, self.cupped_arm, self.objects.bodies)
         self.cupped_arm.other_bodies = {body: "an object" for body in self.objects.bodies}
-        self._rig = PickRig(self._scene, self.cameras, self.arm, self.objects)
+        self._rig = PickRig(self._scene, self.cameras, self.cupped_arm, self.objects)
         return self._rig
 
     @property

@@ -106,6 +106,7 @@ class StereoReachEnv(ViewedEnv):
         ImportError: If the simulator's package is missing.
     """
 
+    goal_verb = "reached"  # what a film says of a success
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's own type)
 
     def __init__(
@@ -222,6 +223,11 @@ class StereoReachEnv(ViewedEnv):
         if mirrored is None or beside or not mirror_each_other(self._world.views):
             return None
         return tuple(self.arm.spec.joints.index(joint) for joint in mirrored)
+
+    @property
+    def goal_text(self) -> str:
+        """What an episode asks for, in a few words for a film."""
+        return f"reached at {self.rho:g} px"
 
     @property
     def n_views(self) -> int:

@@ -33,6 +33,7 @@ _LAZY = {
     "StereoPPOPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoSACPolicy": "sb3_stereo.policies.sac_ppo",
     "StereoTQCPolicy": "sb3_stereo.policies.contrib",
+    "SwitchedAgent": "sb3_stereo.policies.switched",
     "film": "sb3_stereo.viz.film",
     "VolumeCnn": "sb3_stereo.policies.volume",
     "load_pretrained": "sb3_stereo.runs.pretrained",

@@ -1,18 +1,27 @@
 """A scripted policy that picks up by the simulator's state: over the object, down with suction, up.
 
 It sees no image. Joint angles come from inverse kinematics, torques from each joint's travel in a control step.
+
+    python -m benchmarks.analysis.picking docs/images/pick.gif
+
+films it. `benchmarks.analysis.picking_baselines` scores it.
 """
 
-from collections.abc import Mapping
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from benchmarks.analysis.jacobian import measured_travel
 from benchmarks.analysis.rollouts import Floats
 from sb3_stereo.envs.cup_kinematics import joints_for
 from sb3_stereo.envs.pick_world import UP
+from sb3_stereo.viz.film import film
 
 N_GUESSES = 12  # of joint angles to search from, the present ones first
 CLEARANCE = 0.05  # [m] over the object, from where the cup goes straight down
@@ -65,6 +74,10 @@ class ScriptedPicker:
         moves = action / max(1.0, np.abs(action).max())  # all joints arrive together
         return np.asarray([*moves, 1.0 if suction else -1.0], np.float32)
 
+    def predict(self, observation: Any, deterministic: bool = True) -> tuple[Floats, None]:
+        """The same as an agent of Stable-Baselines3 has it."""
+        return self(observation, {}), None
+
     def _way_point(self) -> tuple[Floats, bool]:
         """Joint angles to go to, (n_joints,) in [rad], and whether with suction."""
         world = self.env._world
@@ -103,3 +116,19 @@ class ScriptedPicker:
             errors.append(np.inf if height > 0.0 and arm.collides() else error)
         high, over, press = found
         return Plan(top, high, over, press, max(errors))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.analysis.picking", description=__doc__.splitlines()[0])
+    parser.add_argument("file", help="an .mp4 or a .gif, as in docs/images")
+    parser.add_argument("--n-episodes", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args(argv)
+    with closing(gym.make("sb3_stereo:WamStereoPick-v0", n_distractors=2)) as env:
+        film(ScriptedPicker(env.unwrapped), env, args.file, args.n_episodes, args.seed)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

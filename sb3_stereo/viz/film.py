@@ -74,7 +74,8 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
         self.steps += 1
         self.observation, reward, terminated, truncated, info = self.env.step(action)
         self._reward += float(reward)
-        verdict = "reached" if info["is_success"] else "not reached" if truncated else ""
+        verb = self.unwrapped.goal_verb  # type: ignore[attr-defined]
+        verdict = verb if info["is_success"] else f"not {verb}" if truncated else ""
         self._picture(verdict, info["is_success"], END if terminated or truncated else PAUSE)
         return self.observation, reward, terminated, truncated, info
 
@@ -92,7 +93,7 @@ class Filmed(gym.Wrapper[Any, Any, Any, Any]):
             f"step {self.steps}" if self.steps else "start",
             f"reward so far {self._reward:+.2f}",
             f"distance {distance:.1f} px" if np.isfinite(distance) else "a marker is hidden",
-            f"reached at {env.rho:g} px",
+            env.goal_text,
         ]
         height, width = overview_size(views)
         overview = env.draw_from(replace(OVERVIEW, width=width, height=height))

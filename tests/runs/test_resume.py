@@ -148,6 +148,12 @@ def test_augmented_images_and_random_worlds_are_resumed(changes: dict[str, Any],
     assert_nothing_happened(logs, config("ddpg", 1, env_id=env_id, **changes), [21, 45])
 
 
+@pytest.mark.slow
+def test_objects_that_are_held_are_resumed(logs: Path) -> None:
+    task = {"phase": "grasp", "composite": "markers", "n_distractors": 1, "max_episode_steps": 7}
+    assert_nothing_happened(logs, config("ddpg", 1, env_id="WamStereoPick-v0", env_kwargs=task), [21, 45])
+
+
 GOALS = {"policy_kwargs": {"net_arch": [8]}, "policy": "MultiInputPolicy"}
 
 
