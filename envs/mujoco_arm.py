@@ -24,8 +24,8 @@ class MujocoArm:
     def __init__(self, spec: ArmSpec, model: Model, data: Any) -> None:
         self.spec, self.joints, self.limits = spec, model.joints, model.joints.limits
         self._model, self._data = model.compiled, data
-        self._links = {int(self._model.body(name).id): name for name in model.links}
-        self._hand = int(self._model.body(spec.end_effector_link).id)
+        self._links = {body: name for name, body in model.links.items()}
+        self._hand = model.links[spec.end_effector_link]
         self._actuated = np.array(self.joints.actuated)
         moving = list(self._links)[1:]
         self._masses = moving, self._model.body_mass[moving].copy(), self._model.body_inertia[moving].copy()

@@ -28,10 +28,23 @@ def use_opengl() -> None:
     _context(os.getpid()).make_current()
 
 
+def canvas(model: Any) -> Any:
+    """MuJoCo's `MjrContext`, in which a model is drawn.
+
+    Raises:
+        ValueError: If there is no OpenGL.
+    """
+    use_opengl()
+    try:
+        return mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+    except mujoco.FatalError as error:  # GLFW without a display says nothing before
+        raise ValueError(_refusal(error)) from error
+
+
 @cache
 def _context(process: int) -> Any:
     """The context of a process: after a fork its parent's is of no use."""
-    platform = os.environ.get("MUJOCO_GL", "").strip().lower() or ("egl" if sys.platform == "linux" else "")
+    platform = _platform()
     try:
         if platform == "egl":
             from mujoco.egl import GLContext
@@ -42,7 +55,16 @@ def _context(process: int) -> Any:
         context = GLContext(1, 1)
         context.make_current()
     except Exception as error:  # of any kind: a missing library is an AttributeError of PyOpenGL
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(NO_OPENGL.format(platform=platform or "MuJoCo's default", reason=reason)) from error
+        raise ValueError(_refusal(error)) from error
     atexit.register(context.free)  # before EGL ends, after which its destructor would print errors
     return context
+
+
+def _platform() -> str:
+    """How OpenGL is reached; empty for MuJoCo's own choice."""
+    return os.environ.get("MUJOCO_GL", "").strip().lower() or ("egl" if sys.platform == "linux" else "")
+
+
+def _refusal(error: Exception) -> str:
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return NO_OPENGL.format(platform=_platform() or "MuJoCo's default", reason=reason)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.light import Light
-from sb3_stereo.envs.mujoco_binding import mujoco, use_opengl
+from sb3_stereo.envs.mujoco_binding import canvas, mujoco, use_opengl
 from sb3_stereo.envs.sensor import NOTHING
 
 Frame = NDArray[np.uint8]
@@ -25,11 +25,10 @@ class Renderer:
     """
 
     def __init__(self, model: Any, data: Any) -> None:
-        use_opengl()
         self._model, self._data = model, data
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 1)
         self._options, self._no_camera = mujoco.MjvOption(), mujoco.MjvCamera()
-        self._pixels = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        self._pixels = canvas(model)
         flags = mujoco.mjtRndFlag
         for effect in (flags.mjRND_SHADOW, flags.mjRND_REFLECTION, flags.mjRND_HAZE, flags.mjRND_SKYBOX):
             self._scene.flags[effect] = False

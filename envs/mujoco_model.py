@@ -23,7 +23,7 @@ NOTHING_MUCH = 1e-9  # [kg] and [kg m^2], of a link without an inertia: MuJoCo m
 DRAWN, HIDDEN = 1, 3  # groups of shapes; MuJoCo draws 0 to 2
 STIFF = (2.0, 1.0)  # of a constraint: time constant in time steps, the smallest that is stable, and damping ratio
 RIGID = (0.99, 0.999, 0.001, 0.5, 2.0)  # of a joint that is held, or follows another: hardly any give
-FLOOR, MARKERS, THING = ".floor", (".red", ".blue"), ".thing{}"  # names that no URDF has
+FLOOR, MARKERS, THING, OTHER_WORLD = ".floor", (".red", ".blue"), ".thing{}", ".world"  # names that no URDF has
 
 
 class Around(NamedTuple):
@@ -41,12 +41,12 @@ class Model:
     Attributes:
         compiled: MuJoCo's `MjModel`.
         joints: Numbered as MuJoCo does, which are the indices of their positions and speeds as well.
-        links: Names of the robot's links, the base first.
+        links: The robot's links and the numbers of their bodies, the base first.
     """
 
     compiled: Any
     joints: Joints
-    links: tuple[str, ...]
+    links: dict[str, int]
 
 
 def build_model(arm: ArmSpec, around: Around, physics_rate: float) -> Model:
@@ -67,7 +67,7 @@ def build_model(arm: ArmSpec, around: Around, physics_rate: float) -> Model:
             following = mimics(robot, path)
             massless = without_inertia(robot)
             spec = _load(robot, extended)
-    links = tuple(body.name for body in spec.bodies if body.name != "world")
+    links = tuple(_link_of(body.name) for body in spec.bodies if body.name != "world")
     _check_names(arm, [joint.name for joint in spec.joints], links)
     _set_up_links(spec, arm, links, massless)
     _add_surroundings(spec, around)
@@ -77,7 +77,16 @@ def build_model(arm: ArmSpec, around: Around, physics_rate: float) -> Model:
     _couple_joints(spec, compiled, joints)
     compiled = _compile(spec, arm)
     _set_up_dynamics(compiled, arm)
-    return Model(compiled, joints, links)
+    return Model(compiled, joints, {link: int(compiled.body(body_of(link)).id) for link in links})
+
+
+def body_of(link: str) -> str:
+    """The name of a link's body: MuJoCo has a world of its own."""
+    return OTHER_WORLD if link == "world" else link
+
+
+def _link_of(body: str) -> str:
+    return "world" if body == OTHER_WORLD else body
 
 
 def _load(robot: ET.Element, path: str) -> Any:
@@ -85,12 +94,15 @@ def _load(robot: ET.Element, path: str) -> Any:
     for joint in robot.iterfind("joint"):
         for mimic in joint.findall("mimic"):
             joint.remove(mimic)
-    own = all(link.get("name") != "world" for link in robot.iterfind("link"))
-    require(own, f"link 'world' of {quoted(path)} has the name of MuJoCo's own; rename it")
+    for link in robot.iterfind("link"):
+        link.set("name", body_of(link.get("name", "")))
+    for end in (*robot.iterfind("joint/parent"), *robot.iterfind("joint/child")):
+        end.set("link", body_of(end.get("link", "")))
     meshes = _rename_meshes(robot, path)
     for extension in robot.findall("mujoco"):
         robot.remove(extension)
     options = {"discardvisual": "false", "fusestatic": "false", "strippath": "false"}
+    options["balanceinertia"] = "true"  # some files have tensors that no mass distribution has; MuJoCo refuses those
     ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", options)
     try:
         return mujoco.MjSpec.from_string(ET.tostring(robot, encoding="unicode"), assets=meshes)
@@ -142,21 +154,22 @@ def _check_names(arm: ArmSpec, joints: Iterable[str], links: Iterable[str]) -> N
 
 def _set_up_links(spec: Any, arm: ArmSpec, links: tuple[str, ...], massless: Iterable[str]) -> None:
     """Mount the base, say what is drawn and what may overlap, and take mass from what has none."""
-    base = spec.body(links[0])
+    base = spec.body(body_of(links[0]))
     x, y, z, w = arm.base_quaternion
     base.pos, base.quat = arm.base_position, (w, x, y, z)
     colours = dict(arm.link_colors)
     for link in links:
-        for geom in spec.body(link).geoms:
+        for geom in spec.body(body_of(link)).geoms:
             solid = bool(geom.contype)
             geom.group = DRAWN if solid == arm.simple_shapes else HIDDEN
             geom.rgba = (*colours[link], 1.0) if link in colours else geom.rgba
     for link in massless:
-        body = spec.body(link)
+        body = spec.body(body_of(link))
         body.explicitinertial, body.mass, body.inertia = True, NOTHING_MUCH, [NOTHING_MUCH] * 3
     # A link and its parent may overlap. MuJoCo sees to it, but not where the parent does not move.
-    parents = {(spec.body(link).parent.name, link) for link in links[1:]}
-    for one, other in sorted(parents | set(arm.collision_exempt)):
+    parents = {(spec.body(body_of(link)).parent.name, body_of(link)) for link in links[1:]}
+    exempt = {(body_of(one), body_of(other)) for one, other in arm.collision_exempt}
+    for one, other in sorted(parents | exempt):
         spec.add_exclude(bodyname1=one, bodyname2=other)
 
 
@@ -233,7 +246,7 @@ def _set_up_dynamics(compiled: Any, arm: ArmSpec) -> None:
     data = mujoco.MjData(compiled)
     mujoco.mj_kinematics(compiled, data)
     for link, inertia in arm.drive_inertia:
-        body = link_number = compiled.body(link).id
+        body = link_number = compiled.body(body_of(link)).id
         while compiled.body_jntnum[body] == 0:
             body = compiled.body_parentid[body]
             require(body > 0, f"drive_inertia has {quoted(link)}, which does not move; name a link that does")

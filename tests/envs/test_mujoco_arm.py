@@ -177,3 +177,21 @@ def test_a_mesh_that_mujoco_does_not_read_is_one_sentence(tmp_path: Path) -> Non
         arm_of(spec)
     expected = f"MuJoCo reads no mesh such as 'shell.dae' of '{urdf}'; convert it to .obj, .stl, .msh"
     assert str(error.value) == expected
+
+
+def test_a_link_may_be_named_world(client: Client, tmp_path: Path) -> None:
+    parts = link("world"), link("l1"), link("l2"), joint("j1", "world", "l1"), joint("j2", "l1", "l2", "1 0 0")
+    spec = ArmSpec(
+        urdf=robot(tmp_path, *parts),
+        joints=("j1", "j2"),
+        end_effector_link="l2",
+        effort_limits=(1, 1),
+        damping=(1, 1),
+        base_position=(0.1, 0.2, 0.3),
+        collision_exempt=(("world", "l2"),),
+        link_colors=(("world", (0.2, 0.3, 0.4)),),
+    )
+    bullet, (twin, _, _) = Arm(spec, client), arm_of(spec)
+    for arm in (bullet, twin):
+        arm.rest_at((0.4, -0.3))
+    np.testing.assert_allclose(twin.end_effector_position, bullet.end_effector_position, atol=1e-6)
