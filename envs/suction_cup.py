@@ -38,6 +38,7 @@ def with_suction_cup(spec: ArmSpec, path: str, robot: ET.Element) -> Iterator[st
             assert found is not None  # `read_urdf` has checked them
             mesh.set("filename", os.path.relpath(found, folder))
         extended.extend(_cup(spec.end_effector_link, spec.end_effector_offset, spec.suction_cup))
+        ET.indent(extended)  # Bullet cuts a line after some 8000 characters
         file = Path(folder) / Path(path).name
         file.write_bytes(ET.tostring(extended))
         yield str(file)
