@@ -11,9 +11,7 @@ from sb3_stereo.envs.arm import Arm
 from sb3_stereo.envs.robots import WAM
 from sb3_stereo.envs.simulation import Client
 
-ALL_JOINTS = replace(
-    WAM, joints=("J1", "J2", "J3", "J4", "J5", "J6", "J7"), effort_limits=(1.0,) * 7, damping=(0.0,) * 7
-)
+ALL_JOINTS = replace(WAM.actuating(7), effort_limits=(1.0,) * 7, damping=(0.0,) * 7)
 # Bullet's inverse dynamics refuses tensors that no mass distribution has, as drives make them.
 WITHOUT_DRIVES = replace(ALL_JOINTS, drive_inertia=())
 LIGHT_IN_SHADE = 0.75  # the cameras' ambient share
