@@ -20,7 +20,7 @@ from sb3_stereo.commands.flags import (
     run_command,
 )
 from sb3_stereo.console import Bar, command_line, print_line
-from sb3_stereo.errors import ConfigError
+from sb3_stereo.errors import ConfigError, setting_up
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -67,7 +67,8 @@ def push_command(args: argparse.Namespace) -> int:
         folder = Path(scratch)
         if not args.no_render:
             film_into(folder / hub.REPLAY, config, model, args.n_episodes)
-        hub.pack(folder, run, config, file, result, repo_id)
+        with setting_up("the repository's files"):
+            hub.pack(folder, run, config, file, result, repo_id)
         url = hub.push(folder, repo_id, args.commit_message, args.private)
     print_line(f"Uploaded to {url}")
     return 0

@@ -90,6 +90,9 @@ def hub_errors(repo_id: str) -> Iterator[None]:
         raise ConfigError(
             f"cannot reach the Hub ({reason}); check the network, and that HF_HUB_OFFLINE is 0"
         ) from error
+    except OSError as error:
+        way_out = "see to the space and the permissions of the folder for temporary files (TMPDIR)"
+        raise ConfigError(f"cannot write what the Hub sends ({error.strerror or error}); {way_out}") from error
 
 
 def _not_installed(error: ModuleNotFoundError) -> ConfigError:

@@ -1,5 +1,6 @@
 """A run goes to the Hugging Face Hub and comes back as it was; what comes from strangers is only read."""
 
+import errno
 import io
 import json
 import shutil
@@ -206,6 +207,10 @@ def test_a_repository_must_be_named(hub: FakeHub, made: Path, capsys: pytest.Cap
     )
 
 
+def full_disk(*_: Any, **__: Any) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
 def replaced(hub: FakeHub, **files: bytes) -> None:
     hub.repositories[NAME] |= {name.replace("__", "."): content for name, content in files.items()}
 
@@ -225,6 +230,11 @@ LOADS: dict[str, tuple[Callable[[FakeHub, pytest.MonkeyPatch], Any], str]] = {
         out_of_reach,
         "cannot reach the Hub (ConnectError: [Errno 101] Network is unreachable); check the network, and that "
         "HF_HUB_OFFLINE is 0",
+    ),
+    "a full disk": (
+        lambda hub, patch: patch.setattr(huggingface_hub, "hf_hub_download", full_disk),
+        "cannot write what the Hub sends (No space left on device); see to the space and the permissions of the folder "
+        "for temporary files (TMPDIR)",
     ),
     "no run": (
         lambda hub, patch: hub.repositories.update({NAME: {"model.safetensors": b""}}),
