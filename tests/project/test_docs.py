@@ -19,6 +19,7 @@ import gymnasium as gym
 import pytest
 
 from sb3_stereo.__main__ import COMMANDS
+from sb3_stereo.config.modules import import_packages
 from sb3_stereo.config.schema import load_config
 from sb3_stereo.config.values import parse_assignments
 
@@ -143,6 +144,14 @@ def extras_of_setup_cfg() -> set[str]:
     return set(config["options.extras_require"])
 
 
+def test_the_page_on_installing_lists_every_extra() -> None:
+    rows = re.findall(
+        r"^\| (`[^|]*`) \|", (ROOT / "docs" / "installation.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    listed = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    assert sorted(listed) == sorted(extras_of_setup_cfg())
+
+
 def call(line: str) -> tuple[str, list[str]]:
     """Return the module of a command of ours, and its arguments."""
     match = OURS.match(line)
@@ -166,6 +175,7 @@ def check_arguments(module: str, argv: Sequence[str], monkeypatch: pytest.Monkey
         import_module(module).main()
     (args,) = parsed
     if module == "sb3_stereo.commands.train" and args.resume is None:
+        import_packages(args.gym_packages)
         params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
         load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
 
