@@ -205,7 +205,7 @@ def _add_surroundings(spec: Any, around: Around) -> None:
 
 
 def _moving(compiled: Any, arm: ArmSpec) -> dict[str, MovingJoint]:
-    hinge, slide = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+    hinge, slide = (kind.value for kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
     found = {}
     for number in range(compiled.njnt):
         joint = compiled.joint(number)
@@ -226,16 +226,13 @@ def _couple_joints(spec: Any, compiled: Any, joints: Joints) -> None:
         "solref": [time * spec.option.timestep, ratio],
         "solimp": RIGID,
     }
+    names = [compiled.joint(joint).name for joint in range(compiled.njnt)]
     for joint in joints.held:
-        place = float(joints.offsets[joints.moving.index(joint)])
-        spec.add_equality(name1=compiled.joint(joint).name, data=_polynomial(place, 0.0), **common)
+        place = joints.offsets[joints.moving.index(joint)]
+        spec.add_equality(name1=names[joint], **common).data[:2] = place, 0.0
     for joint, leader, mimic in joints.geared:
-        names = {"name1": compiled.joint(joint).name, "name2": compiled.joint(leader).name}
-        spec.add_equality(**names, data=_polynomial(mimic.offset, mimic.multiplier), **common)
-
-
-def _polynomial(offset: float, multiplier: float) -> list[float]:
-    return [offset, multiplier, *[0.0] * 9]
+        pair = spec.add_equality(name1=names[joint], name2=names[leader], **common)
+        pair.data[:2] = mimic.offset, mimic.multiplier  # of a polynomial
 
 
 def _set_up_dynamics(compiled: Any, arm: ArmSpec) -> None:
