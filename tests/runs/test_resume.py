@@ -149,6 +149,19 @@ def test_augmented_images_and_random_worlds_are_resumed(changes: dict[str, Any],
 
 
 @pytest.mark.slow
+def test_a_training_in_mujoco_is_resumed(logs: Path) -> None:
+    pytest.importorskip("mujoco")
+    from sb3_stereo.envs.mujoco_binding import use_opengl
+
+    try:
+        use_opengl()
+    except ValueError as error:
+        pytest.skip(str(error))
+    kwargs = {"brake": False, "randomize": "default", "max_episode_steps": 7}
+    assert_nothing_happened(logs, config("ddpg", 1, env_id="WamStereoReachMujoco-v0", env_kwargs=kwargs), [21, 45])
+
+
+@pytest.mark.slow
 def test_objects_that_are_held_are_resumed(logs: Path) -> None:
     task = {"phase": "grasp", "composite": "markers", "n_distractors": 1, "max_episode_steps": 7}
     assert_nothing_happened(logs, config("ddpg", 1, env_id="WamStereoPick-v0", env_kwargs=task), [21, 45])
