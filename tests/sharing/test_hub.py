@@ -7,6 +7,7 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,20 +41,38 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_run(tiny_config(), Options(seed=1, log_folder=str(logs), device="cpu", verbose=0)).run
 
 
-@pytest.fixture
-def hub(monkeypatch: pytest.MonkeyPatch) -> Iterator[FakeHub]:
+@contextmanager
+def logged_in() -> Iterator[FakeHub]:
     """The Hub, on which this machine is logged in."""
     fake = FakeHub(huggingface_hub.utils.httpx)
-    monkeypatch.setenv("HF_TOKEN", TOKEN)
-    huggingface_hub.set_client_factory(fake.client)
-    yield fake
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HF_TOKEN", TOKEN)
+        huggingface_hub.set_client_factory(fake.client)
+        yield fake
     huggingface_hub.set_client_factory(huggingface_hub.utils._http.default_client_factory)
 
 
 @pytest.fixture
-def pushed(hub: FakeHub, made: Path) -> FakeHub:
+def hub() -> Iterator[FakeHub]:
+    """The Hub without repositories."""
+    with logged_in() as fake:
+        yield fake
+
+
+@pytest.fixture(scope="module")
+def repository(made: Path) -> tuple[dict[str, bytes], list[str]]:
+    """The files of the run's repository, and the messages of its commits."""
+    with logged_in() as fake:
+        assert push_to_hub.main([str(made), "--repo-id", NAME, *PUSH]) == 0
+        assert list(fake.repositories) == [NAME] and not fake.private
+        return fake.repositories[NAME], fake.messages
+
+
+@pytest.fixture
+def pushed(hub: FakeHub, repository: tuple[dict[str, bytes], list[str]]) -> FakeHub:
     """The Hub with the run on it."""
-    assert push_to_hub.main([str(made), "--repo-id", NAME, *PUSH]) == 0
+    files, messages = repository
+    hub.repositories[NAME], hub.messages = dict(files), list(messages)
     return hub
 
 
@@ -99,7 +118,7 @@ def test_a_repository_has_the_zoos_files_and_names_no_place_of_this_machine(push
         assert set(archive.namelist()) == {"0.monitor.csv", "evaluations.csv"}
     texts = [content for name, content in files.items() if not name.endswith(".zip")]
     assert not any(str(made.parent).encode() in text for text in texts)
-    assert pushed.messages == ["Add a trained agent"] and not pushed.private
+    assert pushed.messages == ["Add a trained agent"]
 
 
 def test_the_package_of_the_hub_finds_the_model(
