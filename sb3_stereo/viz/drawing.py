@@ -99,6 +99,15 @@ def side_by_side(views: Sequence[View], zoom: float = 1.0) -> Image:
     return _row([titled(view.name, annotated(view, zoom)) for view in views])
 
 
+def _label_corner(first: Sequence[int], second: Sequence[int], size: tuple[int, int]) -> tuple[int, int]:
+    """Where the distance is written, lower left: above both markers, or beside the upper one where that is cut."""
+    upper = min(first, second, key=lambda point: point[1])
+    if upper[1] >= 46:
+        return min(max((first[0] + second[0]) // 2 - 34, 2), size[0] - 74), upper[1] - 26
+    beside = upper[0] + 24
+    return beside if beside <= size[0] - 74 else upper[0] - 98, max(upper[1] + 6, 20)
+
+
 def overview_size(views: Sequence[View]) -> tuple[int, int]:
     """Height and width, in [px], of a picture as high as the column of views beside it."""
     height = len(views) * (COLUMN_HEIGHT + LINE_HEIGHT) - LINE_HEIGHT
@@ -123,9 +132,7 @@ def annotated(view: View, zoom: float = 1.0, shown_height: int = VIEW_HEIGHT) ->
     if not np.isnan(points).any():
         first, second = (point.astype(int).tolist() for point in points)
         cv2.line(picture, first, second, INK, 1, cv2.LINE_AA)
-        x = min(max((first[0] + second[0]) // 2 - 34, 2), size[0] - 74)
-        above, below = min(first[1], second[1]) - 26, max(first[1], second[1]) + 40
-        corner = (x, above if above >= 20 else below)
+        corner = _label_corner(first, second, size)
         cv2.rectangle(picture, corner, (corner[0] + 72, corner[1] - 18), WHITE, cv2.FILLED)
         _write(picture, f"{np.hypot(*view.blobs.offset):.1f} px", corner, INK)
     for point, colour in zip(points, (RED, BLUE), strict=True):
