@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 import benchmarks
-from benchmarks.analysis import clutter
+from benchmarks.analysis import clutter, volume
 from sb3_stereo.runs.directory import load_record
 from sb3_stereo.runs.pretrained import pretrained_run
 
@@ -68,5 +68,24 @@ def test_an_unknown_agent_is_refused(results: Path, capsys: pytest.CaptureFixtur
 
 
 def test_the_committed_page_is_that_of_the_committed_records() -> None:
-    scores, views = (clutter.read_lines(clutter.record(name)) for name in ("clutter", "clutter_views"))
-    assert (ROOT / "benchmarks" / "CLUTTER.md").read_text() == clutter.page(scores, views)
+    records = [clutter.read_lines(clutter.record(name)) for name in ("clutter", "clutter_views", "volume")]
+    assert (ROOT / "benchmarks" / "CLUTTER.md").read_text() == clutter.page(*records)
+
+
+def test_encoders_are_shown_with_every_camera_that_may_be_lost() -> None:
+    encoders = [{"encoder": "stack", "all": "4.04", "left": "12.25"}]
+    views = [{"clutter": "none", "left": "1"}]
+    assert clutter.page([], views, encoders).splitlines()[-3:] == [
+        "| encoder | all cameras | left lost |",
+        "| --- | --- | --- |",
+        "| stack | 4.0 | 12.2 |",
+    ]
+
+
+def test_an_encoder_is_trained_on_what_it_is_shown() -> None:
+    """Each arrangement of the same few transitions gives errors, which fall with training."""
+    few = volume.collect(12, camera_loss=0.0, seed=0)
+    assert few.samples.observations.shape == (12, 4, 42, 84)
+    for name in ("stack", "volume, mean"):
+        before, after = (float(volume.errors(name, few, few, n)["all"]) for n in (1, 60))
+        assert after < before
