@@ -57,8 +57,8 @@ This page is written by {COMMAND} from `benchmarks/results/clutter.csv` and
 
 ENCODERS = """How an encoder treats four views, without a policy (`python -m benchmarks.analysis.volume`, one seed). All
 are trained alike on 1 500 transitions of random actions in clutter, one camera lost in half of the episodes. The
-numbers are median errors in px of the offset between the markers that a head reads from other episodes' images, over all
-views, the lost one too:
+numbers are median errors in px of the offset between the markers that a head reads from other episodes' images, over
+all views, the lost one too:
 """
 
 
