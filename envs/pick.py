@@ -112,6 +112,11 @@ class StereoPickEnv(StereoReachEnv):
         return resolved | ({"target": plain(target_of(kwargs["target"]))} if "target" in kwargs else {})
 
     @property
+    def action_names(self) -> tuple[str, ...]:
+        """As in `StereoReachEnv`."""
+        return (*super().action_names, "suction")
+
+    @property
     def goal_verb(self) -> str:  # type: ignore[override]
         """As in `StereoReachEnv`."""
         return "reached" if self.phase == "reach" else "lifted"

@@ -225,6 +225,11 @@ class StereoReachEnv(ViewedEnv):
         return tuple(self.arm.spec.joints.index(joint) for joint in mirrored)
 
     @property
+    def action_names(self) -> tuple[str, ...]:
+        """What each component of an action acts on."""
+        return self.arm.spec.joints
+
+    @property
     def goal_text(self) -> str:
         """What an episode asks for, in a few words for a film."""
         return f"reached at {self.rho:g} px"

@@ -66,7 +66,7 @@ def manual_command(args: argparse.Namespace) -> int:
         task = env.unwrapped
         if not isinstance(task, StereoReachEnv):
             raise ConfigError(f"{args.env} has no window with an arm in it; take an environment of sb3_stereo")
-        print_line(legend(task.arm.spec.joints))
+        print_line(legend(task.action_names))
         play(in_real_time(env), args.seed, args.n_episodes, writer)
     if writer is not None and writer.n_episodes:
         print_line(

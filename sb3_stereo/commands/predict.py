@@ -53,12 +53,16 @@ def make_parser() -> argparse.ArgumentParser:
 def load_player(args: argparse.Namespace) -> Player:
     """Load the run's agent and make its environment."""
     from sb3_stereo.building.factory import make_env
+    from sb3_stereo.envs.pick import StereoPickEnv
     from sb3_stereo.runs.pretrained import pretrained_run
 
     config, _, model = load_agent(args, args.model or pretrained_run("ddpg", DEFAULT_ENV))
     env = make_env(config.env_id, config.env_kwargs, config.env_wrapper)()
     if not hasattr(env.unwrapped, "cameras"):
         raise ConfigError(f"{config.env_id} has no cameras; give a run of an environment of sb3_stereo")
+    if isinstance(env.unwrapped, StereoPickEnv):
+        way_out = f"play an agent of {config.env_id}, which looks for an object, with enjoy"
+        raise ConfigError(f"predict finds a red and a blue marker in images; {way_out}")
     return Player(model, env)
 
 

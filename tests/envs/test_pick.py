@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env as gym_check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
+from sb3_stereo.commands.check import main as check
 from sb3_stereo.envs import PICK_ENV_IDS
 from sb3_stereo.envs.colours import COLOURS
 from sb3_stereo.envs.cup_kinematics import joints_for
@@ -261,13 +262,14 @@ def future(env: StereoPickEnv, actions: Any = None) -> list[Any]:
     return seen
 
 
-def test_the_same_seed_gives_the_same_episode_whatever_came_before() -> None:
-    env = StereoPickEnv(n_joints=6, n_distractors=2)
+@pytest.mark.parametrize("randomize", [None, "default"])
+def test_the_same_seed_gives_the_same_episode_whatever_came_before(randomize: str | None) -> None:
+    env = StereoPickEnv(n_joints=6, n_distractors=2, randomize=randomize)
     first = rollout(env, seed=5)
     assert True in first[6::6]  # it does hold
     rollout(env, seed=6)
     assert rollout(env, seed=5) == first
-    other = StereoPickEnv(n_joints=6, n_distractors=2)
+    other = StereoPickEnv(n_joints=6, n_distractors=2, randomize=randomize)
     assert rollout(other, seed=5) == first
     env.close()
     other.close()
@@ -365,3 +367,17 @@ def test_a_wrong_argument_is_explained(kwargs: dict[str, Any], message: str) -> 
     with pytest.raises(ValueError) as error:
         StereoPickEnv(**kwargs)
     assert str(error.value) == message
+
+
+def test_check_says_that_it_measures_reaching(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check(["--env", "WamStereoPick-v0"]) == 2
+    assert capsys.readouterr().err == (
+        "error: check measures reaching, and WamStereoPick-v0 is a task of picking; "
+        "take WamStereoReach-v1 with the same arm and cameras\n"
+    )
+
+
+def test_actions_are_named() -> None:
+    env = StereoPickEnv(n_joints=5)
+    assert env.action_names == ("J1", "J2", "J3", "J4", "J5", "suction")
+    env.close()
