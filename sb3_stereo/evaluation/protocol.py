@@ -303,13 +303,15 @@ def _one(observations: Any, i: int) -> Any:
 
 
 def q_value(model: "BaseAlgorithm", observation: Any, action: Any) -> float:
-    """Return the critic's value of one action, the smallest of several critics; NaN for an algorithm without.
+    """Return the critic's value of one action, the smallest of several critics; NaN for an agent without.
 
     A critic of quantiles (TQC) gives their mean. PPO's values states and not actions, so it counts as none.
     """
     import torch as th
 
-    policy: Any = model.policy
+    policy: Any = getattr(model, "policy", None)
+    if policy is None:  # what only predicts, such as `SwitchedAgent`
+        return float("nan")
     policy.set_training_mode(False)
     with th.no_grad():
         tensor, _ = policy.obs_to_tensor(observation)

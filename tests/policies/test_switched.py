@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sb3_stereo.building.factory import make_env
 from sb3_stereo.envs.pick import StereoPickEnv
+from sb3_stereo.evaluation.protocol import evaluate, random_initial_states
 from sb3_stereo.policies.switched import SwitchedAgent, marker_distances
 
 
@@ -67,3 +69,11 @@ def test_a_distance_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError) as error:
         SwitchedAgent(Constant(1.0), Constant(2.0), near=0.0)
     assert str(error.value) == "near is 0.0; give a positive number of pixels"
+
+
+def test_switched_agents_are_evaluated_like_others() -> None:
+    agent: Any = SwitchedAgent(Constant(0.1), Constant(0.2))
+    env_fn = make_env("WamStereoPick-v0", {"composite": "markers", "max_episode_steps": 2}, ())
+    score = evaluate(agent, env_fn, random_initial_states(2, seed=0))
+    assert score.n_poses == 2 and score.success_rate == 0.0 and np.isnan(score.mean_q)
+    assert score.mean_action == pytest.approx(0.1)
