@@ -3,8 +3,11 @@
 import atexit
 import os
 import sys
-from functools import cache
-from typing import Any
+import weakref
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial, wraps
+from typing import Any, ParamSpec, TypeVar
 
 try:
     import mujoco as mujoco
@@ -13,28 +16,58 @@ except ImportError as error:
         "simulator 'mujoco' needs the package mujoco; install it with: pip install 'sb3_stereo[mujoco]'"
     ) from error
 
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
 NO_OPENGL = (
     "MuJoCo cannot draw, as OpenGL does not work here through {platform} ({reason}); install its library (on Debian "
     "libegl1 and libgl1-mesa-dri), or set MUJOCO_GL to egl, osmesa or glfw, whichever this machine has"
 )
 
 
-def use_opengl() -> None:
-    """Make OpenGL draw in this process's own context, without a display.
+def with_opengl(work: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Let a function draw, without a display, whichever thread calls it: in the one that OpenGL's context belongs to.
 
-    Raises:
-        ValueError: If there is no OpenGL.
+    It raises a ValueError if there is no OpenGL.
     """
+
+    @wraps(work)
+    def drawing(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        return _thread(os.getpid()).submit(_in_context, partial(work, *args, **kwargs)).result()
+
+    return drawing
+
+
+def _in_context(work: Callable[[], Result]) -> Result:
     _context(os.getpid()).make_current()
+    return work()
 
 
-def canvas(model: Any) -> Any:
-    """MuJoCo's `MjrContext`, in which a model is drawn.
+@cache
+def _thread(process: int) -> ThreadPoolExecutor:
+    """The thread of a process that draws: a context that is in use in one thread is of no use in another."""
+    return ThreadPoolExecutor(1, "opengl")
+
+
+class Canvas:
+    """MuJoCo's `MjrContext`, in which a model is drawn; it is freed with this.
 
     Raises:
         ValueError: If there is no OpenGL.
     """
-    use_opengl()
+
+    def __init__(self, model: Any) -> None:
+        self.context = _make_canvas(model)
+        self._free = weakref.finalize(self, _thread(os.getpid()).submit, _in_context, self.context.free)
+        self._free.atexit = False  # then there is no thread any more
+
+    def close(self) -> None:
+        """Free it; a second call does nothing."""
+        self._free()
+
+
+@with_opengl
+def _make_canvas(model: Any) -> Any:
     try:
         return mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
     except mujoco.FatalError as error:  # GLFW without a display says nothing before

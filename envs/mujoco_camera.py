@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.light import Light
-from sb3_stereo.envs.mujoco_binding import canvas, mujoco, use_opengl
+from sb3_stereo.envs.mujoco_binding import Canvas, mujoco, with_opengl
 from sb3_stereo.envs.sensor import NOTHING
 
 Frame = NDArray[np.uint8]
@@ -28,16 +28,15 @@ class Renderer:
         self._model, self._data = model, data
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 1)
         self._options, self._no_camera = mujoco.MjvOption(), mujoco.MjvCamera()
-        self._pixels = canvas(model)
+        self._canvas = Canvas(model)
         flags = mujoco.mjtRndFlag
         for effect in (flags.mjRND_SHADOW, flags.mjRND_REFLECTION, flags.mjRND_HAZE, flags.mjRND_SKYBOX):
             self._scene.flags[effect] = False
-        self._size = self._pixels.offWidth, self._pixels.offHeight
+        self._size = self._canvas.context.offWidth, self._canvas.context.offHeight
 
     def close(self) -> None:
         """Free what OpenGL holds."""
-        use_opengl()
-        self._pixels.free()
+        self._canvas.close()
 
     def draw(self, spec: CameraSpec, light: Light) -> tuple[Frame, Depth]:
         """Draw the bodies as they stand before white: RGB, (height, width, 3), and their depth, (height, width), both
@@ -81,10 +80,10 @@ class Renderer:
             eye.frustum_center, eye.frustum_bottom, eye.frustum_top = 0.0, -top, top
             eye.frustum_near, eye.frustum_far, eye.orthographic = spec.near, spec.far, 0
 
+    @with_opengl
     def _read(self, spec: CameraSpec) -> tuple[Frame, Depth]:
-        use_opengl()
         self._make_room(spec.width, spec.height)
-        view, pixels = mujoco.MjrRect(0, 0, spec.width, spec.height), self._pixels
+        view, pixels = mujoco.MjrRect(0, 0, spec.width, spec.height), self._canvas.context
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, pixels)  # another simulation's may be in use
         mujoco.mjr_render(view, self._scene, pixels)
         frame, depth = np.empty((spec.height, spec.width, 3), np.uint8), np.empty((spec.height, spec.width), np.float32)
@@ -94,7 +93,7 @@ class Renderer:
     def _make_room(self, width: int, height: int) -> None:
         size = max(self._size[0], width), max(self._size[1], height)
         if size != self._size:
-            mujoco.mjr_resizeOffscreen(*size, self._pixels)
+            mujoco.mjr_resizeOffscreen(*size, self._canvas.context)
             self._size = size
 
 

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,7 @@ from sb3_stereo.envs.reach import StereoReachEnv
 
 pytest.importorskip("mujoco")
 
-from sb3_stereo.envs.mujoco_binding import use_opengl
+from sb3_stereo.envs.mujoco_binding import with_opengl
 
 V1: dict[str, Any] = {"framing": "close", "markers": "hollow", "rho": 5.0, "distance_scale": 200.0}
 HARD = {
@@ -46,7 +47,7 @@ COPIES: dict[str, Callable[[Any], Any]] = {
 def opengl() -> None:
     """MuJoCo's renderer, or a reason why it is missing here."""
     try:
-        use_opengl()
+        with_opengl(lambda: None)()
     except ValueError as error:
         pytest.skip(str(error))
 
@@ -226,6 +227,16 @@ def test_there_is_no_window(opengl: None, monkeypatch: pytest.MonkeyPatch) -> No
         StereoReachEnv(render_mode="human", simulator="mujoco")
     expected = "simulator 'mujoco' has no window for render_mode 'human'; use render_mode 'rgb_array'"
     assert str(error.value) == expected
+
+
+def test_any_thread_may_step(env: StereoReachEnv) -> None:
+    env.reset(seed=0)
+    state = env.save_state()
+    expected = plain(env.step((0.3, 0.2, 0.1, 0.0)))
+    for _ in range(2):
+        env.restore_state(state)
+        with ThreadPoolExecutor(1) as thread:
+            assert plain(thread.submit(env.step, (0.3, 0.2, 0.1, 0.0)).result()) == expected
 
 
 def test_mujoco_needs_no_pybullet(opengl: None) -> None:
