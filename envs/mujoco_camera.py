@@ -1,6 +1,7 @@
 """A camera's frames, drawn by MuJoCo's renderer."""
 
 import math
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -9,11 +10,9 @@ from numpy.typing import NDArray
 
 from sb3_stereo.envs.cameras import CameraSpec
 from sb3_stereo.envs.light import Light
-from sb3_stereo.envs.mujoco_binding import Canvas, mujoco, with_opengl
+from sb3_stereo.envs.mujoco_binding import mujoco
+from sb3_stereo.envs.mujoco_opengl import Canvas, Depth, Frame, check_opengl
 from sb3_stereo.envs.sensor import NOTHING
-
-Frame = NDArray[np.uint8]
-Depth = NDArray[np.float32]
 
 
 class Renderer:
@@ -25,25 +24,30 @@ class Renderer:
     """
 
     def __init__(self, model: Any, data: Any) -> None:
+        check_opengl()
         self._model, self._data = model, data
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 1)
         self._options, self._no_camera = mujoco.MjvOption(), mujoco.MjvCamera()
-        self._canvas = Canvas(model)
         flags = mujoco.mjtRndFlag
         for effect in (flags.mjRND_SHADOW, flags.mjRND_REFLECTION, flags.mjRND_HAZE, flags.mjRND_SKYBOX):
             self._scene.flags[effect] = False
-        self._size = self._canvas.context.offWidth, self._canvas.context.offHeight
+
+    @cached_property
+    def _canvas(self) -> Canvas:
+        """Made when something is drawn: processes may be forked until then."""
+        return Canvas(self._model)
 
     def close(self) -> None:
         """Free what OpenGL holds."""
-        self._canvas.close()
+        if "_canvas" in vars(self):
+            self._canvas.close()
 
     def draw(self, spec: CameraSpec, light: Light) -> tuple[Frame, Depth]:
         """Draw the bodies as they stand before white: RGB, (height, width, 3), and their depth, (height, width), both
         the lowest row first.
         """
         self._look(spec, light)
-        frame, depth = self._read(spec)
+        frame, depth = self._canvas.draw(self._scene, spec.width, spec.height)
         # A sky of MuJoCo's would hide what is further away than 0.6 of the far plane.
         nothing = np.multiply(depth >= 1.0, 255, dtype=np.uint8)
         return np.asarray(cv2.bitwise_or(frame, cv2.cvtColor(nothing, cv2.COLOR_GRAY2RGB)), np.uint8), depth
@@ -54,9 +58,10 @@ class Renderer:
         flags, segment, colour = self._scene.flags, mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR
         flags[segment] = flags[colour] = True
         try:
-            numbers = self._read(spec)[0].astype(np.int32) @ np.array([1, 256, 65536], np.int32)
+            colours, _ = self._canvas.draw(self._scene, spec.width, spec.height)
         finally:
             flags[segment] = flags[colour] = False
+        numbers = colours.astype(np.int32) @ np.array([1, 256, 65536], np.int32)
         of_shape = np.full(self._scene.ngeom + 1, NOTHING, np.int32)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             of_shape[geom.segid + 1] = self._model.geom_bodyid[geom.objid]
@@ -79,22 +84,6 @@ class Renderer:
             eye.pos, eye.forward, eye.up = spec.position, forward, up / np.linalg.norm(up)
             eye.frustum_center, eye.frustum_bottom, eye.frustum_top = 0.0, -top, top
             eye.frustum_near, eye.frustum_far, eye.orthographic = spec.near, spec.far, 0
-
-    @with_opengl
-    def _read(self, spec: CameraSpec) -> tuple[Frame, Depth]:
-        self._make_room(spec.width, spec.height)
-        view, pixels = mujoco.MjrRect(0, 0, spec.width, spec.height), self._canvas.context
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, pixels)  # another simulation's may be in use
-        mujoco.mjr_render(view, self._scene, pixels)
-        frame, depth = np.empty((spec.height, spec.width, 3), np.uint8), np.empty((spec.height, spec.width), np.float32)
-        mujoco.mjr_readPixels(frame, depth, view, pixels)
-        return frame, depth
-
-    def _make_room(self, width: int, height: int) -> None:
-        size = max(self._size[0], width), max(self._size[1], height)
-        if size != self._size:
-            mujoco.mjr_resizeOffscreen(*size, self._canvas.context)
-            self._size = size
 
 
 class MujocoCamera:

@@ -19,7 +19,7 @@ from sb3_stereo.envs.reach import StereoReachEnv
 
 pytest.importorskip("mujoco")
 
-from sb3_stereo.envs.mujoco_binding import with_opengl
+from sb3_stereo.envs.mujoco_opengl import check_drawing
 
 V1: dict[str, Any] = {"framing": "close", "markers": "hollow", "rho": 5.0, "distance_scale": 200.0}
 HARD = {
@@ -47,7 +47,7 @@ COPIES: dict[str, Callable[[Any], Any]] = {
 def opengl() -> None:
     """MuJoCo's renderer, or a reason why it is missing here."""
     try:
-        with_opengl(lambda: None)()
+        check_drawing()
     except ValueError as error:
         pytest.skip(str(error))
 
@@ -227,6 +227,32 @@ def test_there_is_no_window(opengl: None, monkeypatch: pytest.MonkeyPatch) -> No
         StereoReachEnv(render_mode="human", simulator="mujoco")
     expected = "simulator 'mujoco' has no window for render_mode 'human'; use render_mode 'rgb_array'"
     assert str(error.value) == expected
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked elsewhere")
+def test_a_process_may_be_forked_until_something_is_drawn(opengl: None) -> None:
+    code = (
+        "import multiprocessing, sys, gymnasium, sb3_stereo\n"
+        "def play(results):\n"
+        "    try:\n"
+        "        results.put(gymnasium.make('WamStereoReachMujoco-v0').reset(seed=0)[0].shape)\n"
+        "    except ValueError as error:\n"
+        "        results.put(str(error))\n"
+        "env, context = gymnasium.make('WamStereoReachMujoco-v0'), multiprocessing.get_context('fork')\n"
+        "results = context.Queue()\n"
+        "for _ in range(2):\n"
+        "    process = context.Process(target=play, args=(results,))\n"
+        "    process.start()\n"
+        "    print(results.get(timeout=60))\n"
+        "    process.join()\n"
+        "    env.reset(seed=0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "(1, 84, 84)",
+        "MuJoCo has drawn in the process that this one was forked from, and OpenGL does not survive that; start "
+        "processes by 'forkserver' or 'spawn'",
+    ]
 
 
 def test_any_thread_may_step(env: StereoReachEnv) -> None:
