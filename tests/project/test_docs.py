@@ -216,7 +216,7 @@ def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> 
     assert {module.removeprefix("sb3_stereo.commands.") for module in ran} == set(TINY)
 
 
-@pytest.mark.parametrize("path", [path for path in TEXTS if path.name != "README.md"], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
 def test_links_say_where_they_lead_in_words(path: Path) -> None:
     text = FENCE.sub("", path.read_text(encoding="utf-8"))
     assert re.findall(r"\[`?([\w./-]+\.md)`?\]\(", text) == []
