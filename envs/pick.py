@@ -127,7 +127,7 @@ class StereoPickEnv(StereoReachEnv):
         if self.phase == "reach":
             return super().goal_text
         lifted = 100 * (self._height(self._captured) - self._standing)
-        seen = f"lifted {lifted:.0f} cm" if np.isfinite(lifted) else "the object is hidden"
+        seen = f"lifted {round(lifted)} cm" if np.isfinite(lifted) else "the object is hidden"
         return f"{seen} of {100 * LIFT:.0f} cm"
 
     # ------------------------------------------------------------------------------------------------ a control step
