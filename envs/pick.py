@@ -181,11 +181,23 @@ class StereoPickEnv(StereoReachEnv):
                 self._capture()
                 if self._may_begin():
                     return
+        raise ValueError(self._no_start(n_free))
+
+    def _no_start(self, n_free: int) -> str:
+        """Why there is no pose to begin from, and what to do."""
+        if self.phase == "grasp" and not n_free:
+            way_out = "give another target_position, or more n_joints"
+            return f"in {MAX_DRAWS} draws the cup came over the target in no pose that is free of collisions; {way_out}"
         self._check_room(n_free)
-        found = (
-            f"of {MAX_DRAWS} random poses {n_free} are free of collisions, and in none do the cameras see the target"
-        )
-        raise ValueError(f"{found}; give another target_position, or move the cameras")
+        found = f"of {MAX_DRAWS} random poses {n_free} are free of collisions, and in none"
+        if self.phase == "grasp":
+            return f"{found} is the hand within rho {self.rho:g} of the target that the cameras see; give a larger rho"
+        return f"{found} do the cameras see the target; give another target_position, or move the cameras"
+
+    def _checked_start(self, value: ArrayLike) -> Floats:
+        """As in `StereoReachEnv`; there are no objects yet."""
+        self._rest_arm("initial_positions", value)
+        return self.arm.actuated_positions
 
     def _may_begin(self) -> bool:
         """Whether an episode may begin as the arm stands."""

@@ -372,6 +372,11 @@ class StereoReachEnv(ViewedEnv):
 
     def _place_arm(self, name: str, value: ArrayLike) -> None:
         """Rest the arm at the `value` of the option `name`, shape (n_joints,), in [rad], and look."""
+        self._rest_arm(name, value)
+        self._capture()
+
+    def _rest_arm(self, name: str, value: ArrayLike) -> None:
+        """The same without a look."""
         positions = vector(name, value, len(self.arm.limits))
         low, high = self.arm.limits.T
         require(
@@ -382,7 +387,6 @@ class StereoReachEnv(ViewedEnv):
             touching = "; ".join(sorted(self.arm.contacts()))
             clear = "choose a pose clear of the arm itself and the floor"
             raise ValueError(f"{name} {positions.tolist()} collide ({touching}); {clear}")
-        self._capture()
 
     def _checked_start(self, value: ArrayLike) -> Floats:
         """`initial_positions`, shape (n_joints,), where the arm is free, and away from a target that is not drawn."""

@@ -381,3 +381,24 @@ def test_actions_are_named() -> None:
     env = StereoPickEnv(n_joints=5)
     assert env.action_names == ("J1", "J2", "J3", "J4", "J5", "suction")
     env.close()
+
+
+def test_episodes_begin_where_they_are_told_to() -> None:
+    pose = (0.0, 0.3, 0.0, 0.5, 0.0, 0.0)
+    env = StereoPickEnv(n_joints=6, initial_positions=pose)
+    _, info = env.reset(seed=0, options={"target_position": (0.5, 0.1, 0.0)})
+    np.testing.assert_allclose(info["joint_positions"][:6], pose)
+    np.testing.assert_allclose(info["target_position"][:2], (0.5, 0.1))
+    env.close()
+
+
+def test_a_start_that_cannot_be_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sb3_stereo.envs.pick.MAX_DRAWS", 10)
+    env = StereoPickEnv(n_joints=6, phase="grasp", rho=1.0)
+    with pytest.raises(ValueError, match=r"is the hand within rho 1 of the target.*; give a larger rho$"):
+        env.reset(seed=0)
+    env.close()
+    env = StereoPickEnv(arm="kuka", phase="grasp")
+    with pytest.raises(ValueError, match=r"^in 10 draws the cup came over the target in no pose.*or more n_joints$"):
+        env.reset(seed=0)
+    env.close()
