@@ -40,7 +40,7 @@ LABELS = {
     "pretrained": "the agent that ships with the package",
     "v1_ours_ddpg": "ours, clean images",
     "v1_robust_ddpg": "ours, augmented images",
-    "v1_mujoco_ddpg": "ours, trained in MuJoCo",
+    "v1_mujoco_ddpg": "ours, trained in MuJoCo (4 000 steps)",
 }
 NAMES = {"bullet": "Bullet", "mujoco": "MuJoCo"}
 WORLDS: dict[str, dict[str, str]] = {"undisturbed": {}, "randomised": {"randomize": "default"}}
