@@ -295,13 +295,13 @@ def test_what_is_no_run_of_ours_is_one_sentence_and_leaves_nothing(
 def test_a_stranger_s_package_is_not_imported(
     pushed: FakeHub, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "strangers_code.py").write_text("raise SystemExit('executed')")
+    (tmp_path / "code_of_a_hub_stranger.py").write_text("raise SystemExit('executed')")
     monkeypatch.syspath_prepend(str(tmp_path))
-    with_changed_args(pushed, env="Nowhere-v0", gym_packages=["strangers_code"])
+    with_changed_args(pushed, env="Nowhere-v0", gym_packages=["code_of_a_hub_stranger"])
     capsys.readouterr()
     assert load(logs) == 2
-    assert "if you trust its record, add --gym-packages strangers_code" in capsys.readouterr().err
-    assert "strangers_code" not in sys.modules
+    assert "if you trust its record, add --gym-packages code_of_a_hub_stranger" in capsys.readouterr().err
+    assert "code_of_a_hub_stranger" not in sys.modules
 
 
 def test_a_model_without_a_checksum_needs_trust_wherever_it_goes(
