@@ -7,8 +7,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from sb3_stereo.envs.ranges import Range, check_ranges
-from sb3_stereo.envs.specs import plain, require_known
-from sb3_stereo.envs.validation import STRICT, Flag, Quantity, explained, from_map
+from sb3_stereo.envs.specs import plain
+from sb3_stereo.envs.validation import STRICT, Flag, Quantity, explained, named
 
 Clearance = Annotated[Quantity, Field(ge=0, le=0.3)]
 
@@ -76,12 +76,7 @@ def clutter_spec(values: ClutterSpec | Mapping[str, Any] | str | None) -> Clutte
     Raises:
         ValueError: If there is none, or a field is wrong.
     """
-    if values is None or isinstance(values, ClutterSpec):
-        return values
-    if isinstance(values, str):
-        require_known("clutter", values, CLUTTERS, "clutters")
-        return CLUTTERS[values]
-    return from_map(ClutterSpec, values, "clutter")
+    return None if values is None else named(ClutterSpec, values, CLUTTERS, "clutter", "clutters")
 
 
 def plain_clutter(values: Any) -> Any:

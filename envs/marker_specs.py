@@ -12,7 +12,7 @@ from sb3_stereo.envs.circles import circle_centres, find_circles
 from sb3_stereo.envs.markers import Blobs, blob_centroids, find_blobs
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import require_known
-from sb3_stereo.envs.validation import STRICT, Flag, PositiveQuantity, Quantity, Text, explained, from_map
+from sb3_stereo.envs.validation import STRICT, Flag, PositiveQuantity, Quantity, Text, explained, named
 
 Frame = NDArray[np.uint8]
 Radii = tuple[float, float]  # of the red and the blue ball; as they look, in [px]
@@ -83,9 +83,4 @@ def marker_spec(markers: MarkerSpec | Mapping[str, Any] | str) -> MarkerSpec:
     Raises:
         ValueError: If there are none, or a field is wrong.
     """
-    if isinstance(markers, MarkerSpec):
-        return markers
-    if isinstance(markers, str):
-        require_known("markers", markers, MARKERS, "markers")
-        return MARKERS[markers]
-    return from_map(MarkerSpec, markers, "markers")
+    return named(MarkerSpec, markers, MARKERS, "markers", "markers")

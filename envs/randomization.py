@@ -14,8 +14,8 @@ from sb3_stereo.envs.clutter import draw_items
 from sb3_stereo.envs.light import Light
 from sb3_stereo.envs.ranges import Probability, Range, check_ranges
 from sb3_stereo.envs.sensor import Sensor, draw_picture, floor_pattern
-from sb3_stereo.envs.specs import plain, require_known
-from sb3_stereo.envs.validation import STRICT, explained, from_map
+from sb3_stereo.envs.specs import plain
+from sb3_stereo.envs.validation import STRICT, explained, named
 from sb3_stereo.envs.variation import Variation
 
 Floats = NDArray[np.float64]
@@ -248,12 +248,7 @@ def randomization(values: "Randomization | Mapping[str, Any] | str | None") -> R
     Raises:
         ValueError: If there is none, or a field is wrong.
     """
-    if values is None or isinstance(values, Randomization):
-        return values
-    if isinstance(values, str):
-        require_known("randomize", values, RANDOMIZATIONS, "randomisations")
-        return RANDOMIZATIONS[values]
-    return from_map(Randomization, values, "randomize")
+    return None if values is None else named(Randomization, values, RANDOMIZATIONS, "randomize", "randomisations")
 
 
 def plain_randomization(values: Any) -> Any:

@@ -184,3 +184,24 @@ def from_map(cls: type[T], values: Any, what: str) -> T:
     except ValueError as error:
         found = error.__cause__
         raise ValueError(sentence(found, what) if isinstance(found, ValidationError) else str(error)) from found
+
+
+def named(cls: type[T], values: Any, names: Mapping[str, T], what: str, whose: str) -> T:
+    """Return what is given as itself, as a map of its fields, or by a name.
+
+    Args:
+        cls: An `explained` dataclass.
+        values: An instance of it, a map, or a name.
+        names: Instances by their names.
+        what: What it specifies, for messages.
+        whose: The same in the plural.
+
+    Raises:
+        ValueError: If there is none of the name, or a field is wrong.
+    """
+    if isinstance(values, cls):
+        return values
+    if isinstance(values, str):
+        require_known(what, values, names, whose)
+        return names[values]
+    return from_map(cls, values, what)
