@@ -18,9 +18,10 @@ from sb3_stereo.envs.lifecycle import Lasting
 from sb3_stereo.envs.marker_specs import MarkerSpec
 from sb3_stereo.envs.pick_rig import HAND_MARKER
 from sb3_stereo.envs.pick_world import PickWorld
-from sb3_stereo.envs.reach import MAX_DRAWS, StereoReachEnv
+from sb3_stereo.envs.reach import StereoReachEnv
 from sb3_stereo.envs.robots import ArmSpec
 from sb3_stereo.envs.specs import plain, quoted, require, require_known
+from sb3_stereo.envs.starts import MAX_DRAWS
 from sb3_stereo.envs.suction import BREAKING_FORCE
 from sb3_stereo.envs.triangulation import check_views, triangulate
 from sb3_stereo.envs.validation import Integer, fit

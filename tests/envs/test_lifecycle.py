@@ -167,7 +167,7 @@ def test_a_refused_reset_changes_nothing(pair: Any, arguments: dict[str, Any], a
 def test_a_reset_that_finds_no_start_changes_nothing(
     random_target: bool, rho: float, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sb3_stereo.envs.reach.MAX_DRAWS", 2)
+    monkeypatch.setattr("sb3_stereo.envs.starts.MAX_DRAWS", 2)
     env = StereoReachEnv(random_target=random_target)
     env.reset(seed=0)
     play(env, [DOWN])

@@ -358,7 +358,7 @@ def test_a_link_that_is_drawn_and_cannot_be_touched_is_named(tmp_path: Path) -> 
 
 
 def test_a_reset_that_finds_no_free_pose_names_what_touches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sb3_stereo.envs.reach.MAX_DRAWS", 20)
+    monkeypatch.setattr("sb3_stereo.envs.starts.MAX_DRAWS", 20)
     for random_target in (False, True):
         env = StereoReachEnv(arm=replace(ARMS["panda"], collision_exempt=()), random_target=random_target)
         with pytest.raises(ValueError) as error:
