@@ -61,7 +61,8 @@ def collect_command(args: argparse.Namespace) -> int:
 
     config, _, model = load_agent(args, args.run or pretrained_run("ddpg", args.pretrained))
     writer = DatasetWriter(args.dataset, config.algo.upper(), args.author)
-    env_fn = make_env(config.env_id, config.env_kwargs, (Component(RECORDED), *config.env_wrapper))
+    env_id = config.env_id if args.run else args.pretrained
+    env_fn = make_env(env_id, config.env_kwargs, (Component(RECORDED), *config.env_wrapper))
     with closing(env_fn()) as env, closing(Bar(args.n_episodes, "episode")) as bar:
         collect(model, env, writer, args.n_episodes, args.seed, not args.stochastic, bar.update)
     print_line(f"{writer.n_episodes} episodes in the dataset {args.dataset}, {writer.n_successes} reached the target")

@@ -149,13 +149,13 @@ def chosen_run(args: argparse.Namespace) -> Path:
         ConfigError: If there is no such run, and none ships that could stand in.
     """
     from sb3_stereo.runs.directory import find_run, run_ids
-    from sb3_stereo.runs.pretrained import pretrained_names, pretrained_run
+    from sb3_stereo.runs.pretrained import pretrained_run, ships
 
     if args.pretrained:
         return pretrained_run(args.algo, args.env)
     names_a_model = args.exp_id or args.load_best or args.load_checkpoint is not None
     is_there = bool(run_ids(Path(args.log_folder), args.algo, args.env))
-    if is_there or names_a_model or (args.algo, args.env) not in pretrained_names():
+    if is_there or names_a_model or not ships(args.algo, args.env):
         return find_run(args.log_folder, args.algo, args.env, args.exp_id)
     runs = Path(args.log_folder, args.algo)
     print(f"No run of {args.env} in '{runs}': this is the agent that ships with the package")
@@ -180,15 +180,15 @@ def enjoy_command(args: argparse.Namespace) -> int:
     check_device(args.device)
     run = chosen_run(args)
     config, _ = load_record(run)
-    path = model_path(run, args.env, args.load_best, args.load_checkpoint)
+    path = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
     print(f"Loading {path}")
     model = load_model(config, path, args.device, args.trust)
     render_mode = {"render_mode": "human"} if window else {}
     given = {**config.env_kwargs, **parse_assignments(args.env_kwargs)}
-    env_kwargs = {**check_env_kwargs(config.env_id, given), **render_mode}
-    with setting_up(config.env_id):
-        env = make_env(config.env_id, env_kwargs, config.env_wrapper)()
+    env_kwargs = {**check_env_kwargs(args.env, given), **render_mode}
+    with setting_up(args.env):
+        env = make_env(args.env, env_kwargs, config.env_wrapper)()
     try:
         with watched(env, window, args.video, args.zoom) as watched_env:
             episodes = play(model, watched_env, n_timesteps, args.seed, not args.stochastic, n_episodes)

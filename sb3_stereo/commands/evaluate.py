@@ -123,9 +123,9 @@ def moved(config: "Config", model: "BaseAlgorithm", args: argparse.Namespace) ->
     from sb3_stereo.config.schema import check_env_id, check_env_kwargs
     from sb3_stereo.config.values import parse_assignments
 
-    if args.env is None and args.env_kwargs is None:
+    env_id = args.env or args.pretrained or config.env_id
+    if env_id == config.env_id and args.env_kwargs is None:
         return config
-    env_id = args.env or config.env_id
     check_env_id(env_id)
     env_kwargs = check_env_kwargs(env_id, {**config.env_kwargs, **parse_assignments(args.env_kwargs)})
     changed = replace(config, env_id=env_id, env_kwargs=env_kwargs)

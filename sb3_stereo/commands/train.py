@@ -147,14 +147,14 @@ def train_command(args: argparse.Namespace) -> int:
         raise ConfigError(f"train makes one run; search with: {command_line('sweep', '--help')}")
     if args.resume:
         return resume_command(args)
-    from sb3_stereo.runs.directory import import_packages, model_path
-    from sb3_stereo.runs.pretrained import PRETRAINED, pretrained_run
+    from sb3_stereo.runs.directory import import_packages
+    from sb3_stereo.runs.pretrained import PRETRAINED, pretrained_model
     from sb3_stereo.training.trainer import train
 
     import_packages(args.gym_packages)
     config = make_config(args)
     if args.trained_agent == PRETRAINED:
-        args.trained_agent = str(model_path(pretrained_run(config.algo, config.env_id), config.env_id))
+        args.trained_agent = str(pretrained_model(config.algo, config.env_id))
     check_flags(args)
     options = make_options(args)
     with runtime.threads_for(args.num_threads) as n_threads:

@@ -12,6 +12,7 @@ import yaml
 
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line
+from sb3_stereo.envs import TWIN_OF
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.pretrained import FOLDER
 from sb3_stereo.runs.archives import MIB, load_tensors, open_zip, read_member
@@ -29,11 +30,14 @@ MAX_POLICY = 64 * MIB
 def pretrained_run(algo: str, env_id: str, folder: Path = FOLDER) -> Path:
     """Return the run directory of the agent that ships for an algorithm and an environment.
 
+    For a task in another simulator, it is the one that was trained on the same task in Bullet.
+
     Raises:
         ConfigError: If there is none; names those that exist.
     """
-    if run_ids(folder, algo, env_id):
-        return folder / algo / f"{env_name(env_id)}_1"
+    for trained_on in (env_id, TWIN_OF.get(env_id, env_id)):
+        if run_ids(folder, algo, trained_on):
+            return folder / algo / f"{env_name(trained_on)}_1"
     shipped = ", ".join(f"{algo} on {name}" for algo, name in pretrained_names(folder))
     raise ConfigError(
         f"no trained agent of {algo} on {env_id} ships with this package, only {shipped}; "
@@ -49,7 +53,22 @@ def load_pretrained(env_id: str = DEFAULT_ENV, algo: str = "ddpg", device: str =
     """
     run = pretrained_run(algo, env_id)
     config, _ = load_record(run)
-    return load_model(config, model_path(run, env_id), device)
+    return load_model(config, pretrained_model(algo, env_id), device)
+
+
+def pretrained_model(algo: str, env_id: str) -> Path:
+    """Return the model of `pretrained_run`.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    run = pretrained_run(algo, env_id)
+    return model_path(run, read_record(run).env_id)
+
+
+def ships(algo: str, env_id: str) -> bool:
+    """Whether there is an agent of `pretrained_run`."""
+    return (algo, TWIN_OF.get(env_id, env_id)) in pretrained_names()
 
 
 def pretrained_names(folder: Path = FOLDER) -> list[tuple[str, str]]:

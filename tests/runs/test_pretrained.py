@@ -4,6 +4,7 @@ import io
 import json
 import shutil
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import fake_reach
@@ -135,6 +136,22 @@ def test_evaluate_takes_a_run_or_the_agent_that_ships(capsys: pytest.CaptureFixt
         with pytest.raises(SystemExit) as stopped:
             evaluate.main(wrong)
         assert stopped.value.code == 2
+
+
+@pytest.mark.skipif(find_spec("mujoco") is None, reason="needs the extra [mujoco]")
+def test_it_plays_the_same_task_in_another_simulator(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    twin = "WamStereoReachMujoco-v0"
+    flags = ["--no-render", "--n-episodes", "2", "-f", str(tmp_path), "--num-threads", "1"]
+    assert enjoy.main([*flags, "--env", twin]) == 0
+    printed = capsys.readouterr().out
+    assert f"No run of {twin}" in printed and "2 episodes, 2 reached the target (100 %)" in printed
+    few = ["--poses", "2", "--n-envs", "1", "--json", "--num-threads", "1"]
+    assert evaluate.main(["--pretrained", twin, *few]) == 0
+    named = json.loads(capsys.readouterr().out)
+    assert evaluate.main(["--pretrained", "--env", twin, *few]) == 0
+    assert json.loads(capsys.readouterr().out) == named
+    assert evaluate.main(["--pretrained", *few]) == 0
+    assert json.loads(capsys.readouterr().out) != named, "the simulators are not the same to the last digit"
 
 
 def test_a_training_begins_with_it(tmp_path: Path) -> None:
