@@ -7,14 +7,16 @@ STAMP := $(VENV)/.installed
 CONSTRAINTS := constraints.txt
 PIP := $(PYTHON) -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS:%=-c %)
 TORCH_INDEX ?=
+TORCH := torch
 EXTRAS := progress,tensorboard,contrib,film,plots,notebook,track,mlflow,hub,dataset,sweep,benchmarks,tests,docs,dev
 ARGS ?=
 
 NEWEST := .venv-newest
+LEROBOT := .venv-lerobot
 PYTHONS := python3.11 python3.12 python3.13 python3.10 python3 python
 VERSIONS := 3.10 3.11 3.12 3.13
 
-.PHONY: help venv enjoy train test test-slow test-zoo test-newest test-pythons audit lint docs benchmark clean
+.PHONY: help venv enjoy train test test-slow test-zoo test-newest test-lerobot test-pythons audit lint docs benchmark clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -40,6 +42,11 @@ test-zoo: $(STAMP) ## install rl_zoo3 and train with it
 test-newest: ## run the tests with the newest versions that setup.cfg allows, in a fresh .venv-newest
 	rm -rf $(NEWEST)
 	$(MAKE) --no-print-directory VENV=$(NEWEST) CONSTRAINTS= test
+
+# Its torch is older than the pinned one; installed first, no second one is downloaded.
+test-lerobot: ## run the tests of datasets and environments for LeRobot, in a .venv-lerobot with Python 3.12 or newer
+	$(MAKE) --no-print-directory VENV=$(LEROBOT) PYTHONS="python3.12 python3.13" CONSTRAINTS= TORCH="torch<2.12" \
+		EXTRAS=lerobot,progress,tests ARGS="tests/sharing/test_lerobot.py $(ARGS)" test
 
 test-pythons: ## run the tests on Python 3.10 to 3.13, each in a .venv-VERSION (VERSIONS="3.12")
 	@for version in $(VERSIONS); do \
@@ -68,7 +75,7 @@ clean: ## remove builds and caches; keeps .venv and logs
 # Torch comes first and pinned: as a mere dependency, pip would pick whatever build is the newest. NumPy comes before
 # PyBullet, which is built with it where there is no wheel.
 $(STAMP): setup.cfg pyproject.toml constraints.txt | $(PYTHON)
-	$(PIP) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) torch
+	$(PIP) $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) "$(TORCH)"
 	$(PIP) setuptools wheel numpy
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info >= (3, 12))' || { \
 		echo "PyBullet has no wheel for $$($(PYTHON) --version): building it takes about four minutes and a C++ compiler."; \

@@ -123,6 +123,13 @@ class StereoPickEnv(StereoReachEnv):
         return "reached" if self.phase == "reach" else "lifted"
 
     @property
+    def task_description(self) -> str:  # type: ignore[override]
+        """As in `StereoReachEnv`, with the episode's object."""
+        item = self._world.items[0]
+        verb = "Reach" if self.phase == "reach" else "Lift"
+        return f"{verb} the {item.colour} {item.model.shape} with the suction cup."
+
+    @property
     def goal_text(self) -> str:
         """As in `StereoReachEnv`."""
         if self.phase == "reach":

@@ -105,6 +105,7 @@ class StereoReachEnv(StartedEnv):
     """
 
     goal_verb = "reached"  # what a film says of a success
+    task_description = "Reach the blue target with the red end effector."  # for learners that read
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 2}  # noqa: RUF012  (Gymnasium's own type)
 
     def __init__(

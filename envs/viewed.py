@@ -75,7 +75,11 @@ class ViewedEnv(SimulatedEnv):
         """
         return self._world.keyboard_events()
 
+    @property
+    def frames(self) -> tuple[Image, ...]:
+        """What the cameras saw for the latest observation: RGB, (height, width, 3) each, uint8."""
+        return tuple(frame[:, :, :3] for frame in self._captured.frames)
+
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
-        frames = self._captured.frames
-        return np.hstack([frame[:, :, :3] for frame in frames]) if self.render_mode == "rgb_array" else None
+        return np.hstack(self.frames) if self.render_mode == "rgb_array" else None

@@ -17,7 +17,7 @@ COMMANDS = {
     "push_to_hub": "upload a trained agent to the Hugging Face Hub",
     "load_from_hub": "download one into the log folder",
     "manual": "move the arm yourself, by the keyboard in Bullet's window",
-    "collect": "record an agent's episodes as a Minari dataset",
+    "collect": "record an agent's episodes as a dataset of Minari or LeRobot",
 }
 
 USAGE = "\n".join(

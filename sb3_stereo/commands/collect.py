@@ -1,4 +1,4 @@
-"""Record episodes as a Minari dataset: `python -m sb3_stereo collect RUN --dataset wam/reach-v0`."""
+"""Record an agent's episodes for Minari or LeRobot: `python -m sb3_stereo collect RUN --dataset wam/reach-v0`."""
 
 import argparse
 import sys
@@ -7,6 +7,7 @@ from contextlib import closing
 from sb3_stereo import runtime
 from sb3_stereo.commands.flags import (
     Parser,
+    add_dataset_flags,
     add_model_flags,
     add_process_flags,
     at_least,
@@ -22,7 +23,8 @@ def make_parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     parser = Parser(
         prog=command_line("collect"),
-        description="Play an agent and record its episodes as a Minari dataset: images, actions, rewards, infos.",
+        description="Play an agent and record its episodes as a dataset of Minari (images, actions, rewards, infos) or "
+        "LeRobot (the cameras' pictures, actions, rewards, the task in words).",
     )
     agent = parser.add_mutually_exclusive_group()
     agent.add_argument(
@@ -37,16 +39,10 @@ def make_parser() -> argparse.ArgumentParser:
         help=f"the agent that ships with the package for an environment (default: {DEFAULT_ENV})",
     )
     add_model_flags(parser)
-    parser.add_argument(
-        "--dataset",
-        required=True,
-        metavar="NAME",
-        help="the new dataset, e.g. wam/reach-v0; it goes to MINARI_DATASETS_PATH (default: ~/.minari/datasets)",
-    )
+    add_dataset_flags(parser, required=True)
     parser.add_argument("--n-episodes", type=at_least(1), default=100, metavar="N", help="episodes (default: 100)")
     parser.add_argument("--seed", type=at_least(0), default=0, help="random seed of the first episode (default: 0)")
     parser.add_argument("--stochastic", action="store_true", help="stochastic actions")
-    parser.add_argument("--author", help="who made the dataset")
     add_process_flags(parser)
     return parser
 
@@ -57,16 +53,17 @@ def collect_command(args: argparse.Namespace) -> int:
     from sb3_stereo.building.factory import make_env
     from sb3_stereo.config.components import Component
     from sb3_stereo.runs.pretrained import pretrained_run
-    from sb3_stereo.sharing.dataset import RECORDED, DatasetWriter, collect
+    from sb3_stereo.sharing.formats import open_dataset
+    from sb3_stereo.sharing.recording import collect
 
     config, _, model = load_agent(args, args.run or pretrained_run("ddpg", args.pretrained))
-    writer = DatasetWriter(args.dataset, config.algo.upper(), args.author)
-    env_id = config.env_id if args.run else args.pretrained
-    env_fn = make_env(env_id, config.env_kwargs, (Component(RECORDED), *config.env_wrapper))
-    with closing(env_fn()) as env, closing(Bar(args.n_episodes, "episode")) as bar:
-        collect(model, env, writer, args.n_episodes, args.seed, not args.stochastic, bar.update)
+    with closing(open_dataset(args.format, args.dataset, config.algo.upper(), args.author)) as writer:
+        env_id = config.env_id if args.run else args.pretrained
+        env_fn = make_env(env_id, config.env_kwargs, (Component(writer.recorder), *config.env_wrapper))
+        with closing(env_fn()) as env, closing(Bar(args.n_episodes, "episode")) as bar:
+            collect(model, env, writer, args.n_episodes, args.seed, not args.stochastic, bar.update)
     print_line(f"{writer.n_episodes} episodes in the dataset {args.dataset}, {writer.n_successes} reached the target")
-    print_line(f"Load it in Python with: minari.load_dataset({args.dataset!r})")
+    print_line(f"Load it in Python with: {writer.how_to_load}")
     return 0
 
 

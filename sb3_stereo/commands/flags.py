@@ -119,6 +119,24 @@ def add_repository_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-name", "--repo-name", metavar="NAME", help="its name, with -orga (default: ALGO-ENV)")
 
 
+def add_dataset_flags(parser: argparse.ArgumentParser, required: bool) -> None:
+    """Add the flags that name a new dataset of episodes."""
+    parser.add_argument(
+        "--dataset",
+        required=required,
+        metavar="NAME",
+        help="the new dataset of the episodes, e.g. wam/reach-v0 for Minari, me/wam-reach for LeRobot",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("minari", "lerobot"),
+        default="minari",
+        help="minari: into MINARI_DATASETS_PATH (~/.minari/datasets); lerobot: a LeRobotDataset v3, into "
+        "HF_LEROBOT_HOME (~/.cache/huggingface/lerobot) (default: minari)",
+    )
+    parser.add_argument("--author", help="who made the Minari dataset")
+
+
 def check_display(way_out: str) -> None:
     """Raise a ConfigError if there is no display to open Bullet's window on."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):

@@ -4,16 +4,16 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from sb3_stereo.commands.flags import Parser, at_least, check_display, run_command
+from sb3_stereo.commands.flags import Parser, add_dataset_flags, at_least, check_display, run_command
 from sb3_stereo.config.schema import DEFAULT_ENV
 from sb3_stereo.console import command_line, print_line
 from sb3_stereo.errors import ConfigError, setting_up
 
 if TYPE_CHECKING:
-    from sb3_stereo.sharing.dataset import DatasetWriter
+    from sb3_stereo.sharing.recording import DatasetWriter
 
 N_PARTS = 6  # pictures of a control step
 WAIT = 0.03  # [s] between two looks at the keyboard
@@ -39,10 +39,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
     parser.add_argument("--seed", type=at_least(0), help="random seed of the first episode (default: none)")
     parser.add_argument("--n-episodes", type=at_least(1), metavar="N", help="end after N episodes (default: at Esc)")
-    parser.add_argument(
-        "--dataset", metavar="NAME", help="record the episodes as a Minari dataset, as collect does, e.g. wam/mine-v0"
-    )
-    parser.add_argument("--author", help="who made the dataset")
+    add_dataset_flags(parser, required=False)
     return parser
 
 
@@ -55,14 +52,14 @@ def manual_command(args: argparse.Namespace) -> int:
     from sb3_stereo.config.values import parse_assignments
     from sb3_stereo.envs.keyboard import legend
     from sb3_stereo.envs.reach import StereoReachEnv
-    from sb3_stereo.sharing.dataset import RECORDED, DatasetWriter
+    from sb3_stereo.sharing.formats import open_dataset
 
     check_env_id(args.env)
-    writer = DatasetWriter(args.dataset, "a person", args.author) if args.dataset else None
+    writer = open_dataset(args.format, args.dataset, "a person", args.author) if args.dataset else None
     kwargs = {**check_env_kwargs(args.env, parse_assignments(args.env_kwargs)), "render_mode": "human"}
     with setting_up(args.env):
-        env = make_env(args.env, kwargs, (Component(RECORDED),) if writer else ())()
-    with closing(env):
+        env = make_env(args.env, kwargs, (Component(writer.recorder),) if writer else ())()
+    with closing(env), closing(writer) if writer else nullcontext():
         task = env.unwrapped
         if not isinstance(task, StereoReachEnv):
             raise ConfigError(f"{args.env} has no window with an arm in it; take an environment of sb3_stereo")
@@ -93,7 +90,7 @@ def play(
     """Let a person act until the window is closed.
 
     Args:
-        env: With a `Recorded` in it if there is a writer.
+        env: With the writer's recorder in it if there is a writer.
         seed: Of the first reset.
         n_episodes: Ends it, too.
         writer: Where the episodes are written.

@@ -11,6 +11,7 @@ from sb3_stereo.console import command_line
 from sb3_stereo.evaluation.callback import describe
 from sb3_stereo.evaluation.protocol import Evaluation
 from sb3_stereo.runs.directory import env_name
+from sb3_stereo.sharing.lerobot_env import has_env_file
 
 TEMPLATE = """---
 {metadata}
@@ -28,7 +29,7 @@ plug-in of [Stable-Baselines3](https://github.com/DLR-RM/stable-baselines3).
 ```console
 {commands}
 ```
-
+{in_lerobot}
 ## Scores
 
 | | |
@@ -41,6 +42,15 @@ Deterministic actions, one episode each from {n_poses} initial states.
 
 ```yaml
 {settings}
+```
+"""
+IN_LEROBOT = """
+Its environment in [LeRobot](https://github.com/huggingface/lerobot), by this repository's `env.py`:
+
+```python
+from lerobot.envs import make_env
+
+envs = make_env("{repo_id}", trust_remote_code=True)
 ```
 """
 FILM = "\n`replay.mp4` shows a few of its episodes.\n"
@@ -76,6 +86,7 @@ def model_card(config: Config, result: Evaluation, repo_id: str, has_film: bool)
         metadata=_metadata(config, result),
         algo=config.algo.upper(),
         env_id=config.env_id,
+        in_lerobot=IN_LEROBOT.format(repo_id=repo_id) if has_env_file(config.env_id) else "",
         version=__version__,
         summary=f"The agent {describe(result)}",
         film=FILM if has_film else "",

@@ -3,6 +3,8 @@
     README.md  ddpg-WamStereoReach-v1.zip  SHA256SUMS  config.yml  args.yml  env_kwargs.yml  versions.yml
     train_eval_metrics.zip (evaluations.csv, *.monitor.csv)  results.json  replay.mp4
 
+and `env.py`, by which LeRobot makes the agent's environment if it is one of ours.
+
 What is downloaded is a stranger's: it is only read, and placed where the commands read it (SECURITY.md).
 """
 
@@ -28,6 +30,7 @@ from sb3_stereo.runs.models import CHECKSUMS, checksums, write_checksums
 from sb3_stereo.runs.pretrained import shareable
 from sb3_stereo.runs.status import ENDED, LOCK, STATUS
 from sb3_stereo.sharing.card import model_card
+from sb3_stereo.sharing.lerobot_env import ENV_FILE, env_file, has_env_file
 
 METRICS, RESULTS, REPLAY = "train_eval_metrics.zip", "results.json", "replay.mp4"  # the zoo's names
 CONFIG, VERSIONS, ENV_KWARGS = "config.yml", "versions.yml", "env_kwargs.yml"
@@ -140,6 +143,8 @@ def pack(folder: Path, run: Path, config: Config, model: Path, result: Evaluatio
     write(folder / RESULTS, (json.dumps(rewards | scores, indent=1) + "\n").encode())
     card = model_card(config, result, repo_id, has_film=(folder / REPLAY).is_file())
     write(folder / "README.md", card.encode())
+    if has_env_file(config.env_id):
+        write(folder / ENV_FILE, env_file(repo_id, config.env_id, config.env_kwargs).encode())
 
 
 def push(folder: Path, repo_id: str, message: str, private: bool = False) -> str:

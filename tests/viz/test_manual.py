@@ -11,7 +11,7 @@ import pytest
 from sb3_stereo.commands import manual
 from sb3_stereo.envs.bullet import pybullet
 from sb3_stereo.envs.reach import StereoReachEnv
-from sb3_stereo.sharing.dataset import Recorded
+from sb3_stereo.sharing.minari_dataset import MinariRecorder
 
 KEYS = {" ": {}, **{key: {ord(key): pybullet.KEY_IS_DOWN} for key in "qwersdafn"}}
 
@@ -55,7 +55,7 @@ def test_an_episode_ends_at_its_cap_or_by_key_and_whole_ones_are_written(
         def write(self, env: Any, episodes: Any) -> None:
             written.extend(episodes)
 
-    manual.play(Recorded(env), seed=4, writer=Writer())  # type: ignore[arg-type]
+    manual.play(MinariRecorder(env), seed=4, writer=Writer())  # type: ignore[arg-type]
     assert [len(episode) for episode in written] == [3, 3]
     np.testing.assert_array_equal(written[0].actions, 3 * [[1, 0, 0, 0]])
     lines = capsys.readouterr().out.splitlines()

@@ -16,8 +16,8 @@ from sb3_stereo.commands import collect as command
 from sb3_stereo.config.components import Component
 from sb3_stereo.errors import ConfigError
 from sb3_stereo.policies.extractors import StereoCnn
-from sb3_stereo.sharing import dataset
-from sb3_stereo.sharing.dataset import RECORDED, DatasetWriter, Recorded, collect
+from sb3_stereo.sharing.minari_dataset import MinariRecorder, MinariWriter, columns
+from sb3_stereo.sharing.recording import collect
 from sb3_stereo.training.trainer import Options, train
 
 minari = pytest.importorskip("minari", reason='pip install -e ".[dataset]"')
@@ -51,7 +51,7 @@ class Turns:
 
 
 def recorded(env_id: str, *wrappers: Component, **kwargs: Any) -> gym.Env[Any, Any]:
-    return make_env(env_id, kwargs, (Component(RECORDED), *wrappers))()
+    return make_env(env_id, kwargs, (Component(MinariWriter.recorder), *wrappers))()
 
 
 def assert_repeats(made: Any, env: gym.Env[Any, Any]) -> None:
@@ -67,7 +67,7 @@ def assert_repeats(made: Any, env: gym.Env[Any, Any]) -> None:
             assert reward == episode.rewards[t]
             assert (terminated, truncated) == (episode.terminations[t], episode.truncations[t])
         assert terminated or truncated
-        assert_same(dataset.columns(shown), episode.observations)
+        assert_same(columns(shown), episode.observations)
         assert set(episode.infos) == set(infos[0])
         for key, values in episode.infos.items():
             np.testing.assert_array_equal(values, np.array([info[key] for info in infos]))
@@ -85,9 +85,9 @@ def assert_same(one: Any, other: Any) -> None:
 def test_the_actions_repeat_the_episodes_in_the_environment_that_the_dataset_names(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(dataset, "BATCH", 3)
+    monkeypatch.setattr(MinariWriter, "batch", 3)
     env = recorded(fake_reach.ENV_ID, tolerance=0.2)
-    collect(Expert(), env, DatasetWriter(NAME, "expert", "me"), n_episodes=8, seed=3)
+    collect(Expert(), env, MinariWriter(NAME, "expert", "me"), n_episodes=8, seed=3)
     made = minari.load_dataset(NAME)
     assert made.total_episodes == 8
     assert [data["seed"] for data in made.storage.get_episode_metadata(range(8))] == list(range(3, 11))
@@ -99,7 +99,7 @@ def test_the_actions_repeat_the_episodes_in_the_environment_that_the_dataset_nam
 
 def test_the_agents_wrappers_are_not_part_of_it() -> None:
     env = recorded(fake_reach.ENV_ID, QUANTISED)
-    collect(Turns(), env, DatasetWriter(NAME, "turns"), n_episodes=3)
+    collect(Turns(), env, MinariWriter(NAME, "turns"), n_episodes=3)
     made = minari.load_dataset(NAME)
     assert made.action_space == gym.make(fake_reach.ENV_ID).action_space
     assert set(np.unique(made[0].actions)) <= {-1.0, 0.0, 1.0}
@@ -113,7 +113,7 @@ def test_a_simulated_arm_repeats_them_too(composite: str) -> None:
             return np.full(4, 0.3, np.float32), None
 
     env = recorded("WamStereoReach-v1", composite=composite, max_episode_steps=3)
-    collect(Still(), env, DatasetWriter(NAME, "still"), n_episodes=2)
+    collect(Still(), env, MinariWriter(NAME, "still"), n_episodes=2)
     made = minari.load_dataset(NAME)
     again = made.recover_environment()
     assert_repeats(made, again)
@@ -122,7 +122,7 @@ def test_a_simulated_arm_repeats_them_too(composite: str) -> None:
 
 
 def test_an_agent_cloned_from_a_dataset_reaches_the_goal() -> None:
-    writer = DatasetWriter(NAME, "expert")
+    writer = MinariWriter(NAME, "expert")
     collect(Expert(), recorded(fake_reach.ENV_ID), writer, n_episodes=40)
     assert writer.n_episodes == writer.n_successes == 40
     episodes = list(minari.load_dataset(NAME).iterate_episodes())
@@ -144,7 +144,7 @@ def test_an_agent_cloned_from_a_dataset_reaches_the_goal() -> None:
             with th.no_grad():
                 return net(th.as_tensor(observation[None]).float() / 255)[0].numpy(), None
 
-    tested = DatasetWriter("fake/clone-v0", "clone")
+    tested = MinariWriter("fake/clone-v0", "clone")
     collect(Clone(), recorded(fake_reach.ENV_ID), tested, n_episodes=20, seed=1000)
     assert tested.n_successes >= 19
 
@@ -165,7 +165,7 @@ def test_a_run_is_played_too(logs: Path) -> None:
 
 def refusal(name: str) -> str:
     with pytest.raises(ConfigError) as caught:
-        DatasetWriter(name, "nobody")
+        MinariWriter(name, "nobody")
     return str(caught.value)
 
 
@@ -177,14 +177,14 @@ def test_a_name_that_is_none_says_the_form(name: str, datasets: Path) -> None:
 
 
 def test_a_dataset_that_is_there_is_kept(datasets: Path) -> None:
-    collect(Expert(), recorded(fake_reach.ENV_ID), DatasetWriter(NAME, "expert"), n_episodes=1)
+    collect(Expert(), recorded(fake_reach.ENV_ID), MinariWriter(NAME, "expert"), n_episodes=1)
     assert refusal(NAME) == (
         f"there is a dataset '{NAME}' in '{datasets / NAME}' already; choose another name, such as a next version"
     )
 
 
 def test_an_episode_that_has_not_ended_is_left_out() -> None:
-    env = Recorded(gym.make(fake_reach.ENV_ID, tolerance=1e-9))
+    env = MinariRecorder(gym.make(fake_reach.ENV_ID, tolerance=1e-9))
     env.reset(seed=1)
     env.step(np.zeros(4, np.float32))
     env.reset(seed=2)
