@@ -161,8 +161,10 @@ class LeRobotWriter(DatasetWriter):
         return bool(episode[-1][SUCCESS][0])
 
     def _created(self, env: gym.Env[Any, Any]) -> "LeRobotDataset":
+        from datasets import disable_progress_bars
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+        disable_progress_bars()  # one for each episode
         task: Any = env.unwrapped
         assert env.spec is not None  # gym.make made it
         return LeRobotDataset.create(
@@ -172,4 +174,5 @@ class LeRobotWriter(DatasetWriter):
             root=self.folder,
             robot_type=env.spec.id,
             use_videos=False,
+            video_backend="pyav",  # never used; to look for another prints pages where FFmpeg's libraries are missing
         )

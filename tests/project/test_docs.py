@@ -6,6 +6,7 @@ import glob
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -14,8 +15,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
-import cv2
-import gymnasium as gym
 import pytest
 
 from sb3_stereo.__main__ import COMMANDS
@@ -31,10 +30,11 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PROMPT = re.compile(r"^\w*\$ (.*)$", re.MULTILINE)
 INLINE = re.compile(r"`((?:python|make|pip|sb3-stereo|ray) [^`]+)`")
 OURS = re.compile(r"python -m (?:sb3_stereo (\w+)|(benchmarks(?:\.\w+)+))|python (train|enjoy)\.py|sb3-stereo (\w+)")
-# Tested in test_sweep_ray.py, test_zoo.py, test_learners.py and test_models.py; the last is what runs the tests.
-OTHERS = re.compile(r"ray |python -m rl_zoo3\.train |python docs/examples/own_learner\.py |cd .* && sha256sum|\.ci/run")
+LEARNER = "python docs/examples/own_learner.py "
+# Tested in test_sweep_ray.py, test_zoo.py, below and in test_models.py; the last is what runs the tests.
+OTHERS = re.compile(rf"ray |python -m rl_zoo3\.train |{re.escape(LEARNER)}|cd .* && sha256sum|\.ci/run")
 
-# The last flag of a kind wins. Sweeps, benchmarks and what goes to the Hub are run by their own tests.
+# What a command is given to be quick; the last flag of a kind wins.
 QUICK = ("--num-threads", "1", "--device", "cpu")
 TINY = {
     "train": ("-n", "12", "--eval-freq", "-1", "--n-eval-envs", "1", *QUICK),
@@ -45,11 +45,19 @@ TINY = {
     "report": ("--n-episodes", "1", *QUICK),
     "predict": QUICK,
     "collect": ("--n-episodes", "1", *QUICK),
+    "benchmarks.analysis.switched": ("--episodes", "1"),
 }
+FILM = ("--n-episodes", "1", *QUICK)  # in place of `enjoy`'s, for a video
 TINY_ASSIGNMENTS = {
     "-params": ("learning_starts:10", "batch_size:4", "buffer_size:50"),
     "--env-kwargs": ("max_episode_steps:1",),
 }
+# Commands that their own tests run, and those that a page's commands do not prepare or mean to fail.
+ELSEWHERE = re.compile(
+    r".*\b(sweep|push_to_hub|load_from_hub|manual) |.*(--resume|logs/sweeps|\{urdf)"
+    r"|python -m benchmarks\.(tables|speed)|python -m benchmarks\.analysis\.mujoco RUN"
+)
+NEEDED = {"ujoco": "mujoco", "--format lerobot": "lerobot"}  # what has such a word in it needs the package
 
 
 class Command(NamedTuple):
@@ -91,18 +99,27 @@ def bare(line: str) -> str:
 ALL = list(commands())
 
 
-@pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the commands name: parts of the checkout, the example's files, and two images."""
-    folder = tmp_path_factory.mktemp("stage")
+def staged(folder: Path) -> Path:
+    """Put what the commands name into a folder: parts of the checkout, the example's files, and two images."""
     for path in [*(ROOT / name for name in CHECKOUT), *(ROOT / "docs" / "examples").glob("*.[yu]*")]:
         (folder / path.name).symlink_to(path)
-    env: Any = gym.make("WamStereoReach-v0")
-    env.reset(seed=1)
-    for name, frame in zip(("left.png", "right.png"), env.unwrapped.draw(), strict=True):
-        cv2.imwrite(str(folder / name), cv2.cvtColor(frame, cv2.COLOR_RGBA2BGR))
-    env.close()
+    for image in (ROOT / "docs" / "examples" / "images").glob("*.png"):
+        (folder / image.name).symlink_to(image)
     return folder
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Such a folder."""
+    return staged(tmp_path_factory.mktemp("stage"))
+
+
+@pytest.fixture(scope="module")
+def first_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log folder that a reader has who comes to a page: with the README's run."""
+    folder = staged(tmp_path_factory.mktemp("first"))
+    run_command("python train.py --algo ddpg", folder)
+    return folder / "logs"
 
 
 def test_the_commands_are_found() -> None:
@@ -184,36 +201,53 @@ def tiny(module: str, argv: list[str], folder: Path) -> list[str]:
     """Return the arguments, patterns replaced by files, with others that make the command quick."""
     name = module.removeprefix("sb3_stereo.commands.")
     argv = [file for word in argv for file in (sorted(glob.glob(word, root_dir=folder)) or [word])]
-    if name == "train":
-        for flag, assignments in TINY_ASSIGNMENTS.items():
+    filmed = name == "enjoy" and "--video" in argv
+    for flag, assignments in TINY_ASSIGNMENTS.items():
+        if name == "train" or (filmed and flag == "--env-kwargs"):
             at = argv.index(flag) + 1 if flag in argv else len(argv)
             argv[at:at] = assignments if flag in argv else (flag, *assignments)
     few = ("--poses", "1") if "--disturbances" in argv else ()
-    return [*argv, *TINY[name], *few]
+    return [*argv, *(FILM if filmed else TINY[name]), *few]
+
+
+def to_run(command: Command) -> bool:
+    """Whether a page's reader would type the command here, and it is not run elsewhere."""
+    ours = OURS.match(command.line) or command.line.startswith(LEARNER)
+    lacking = any(word in command.line and not find_spec(package) for word, package in NEEDED.items())
+    return command.shown and bool(ours) and not ELSEWHERE.match(command.line + " ") and not lacking
+
+
+def run_command(line: str, folder: Path) -> None:
+    """Run a command, made quick, in a folder."""
+    if line.startswith(LEARNER):
+        argv = [*line.split()[1:3], "20"]
+    else:
+        module, given = call(line)
+        argv = ["-m", module, *tiny(module, given, folder)]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "MINARI_DATASETS_PATH": str(folder / "datasets")}
+    environment["HF_LEROBOT_HOME"] = str(folder / "lerobot")
+    result = subprocess.run(
+        [sys.executable, *argv], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, f"{line}\n{result.stderr}"
+
+
+PAGES = list(dict.fromkeys(command.text for command in ALL if to_run(command)))
+
+
+def test_the_pages_of_a_newcomer_have_commands_that_are_run() -> None:
+    newcomers = {"README.md", "installation.md", "tutorial.md", "gallery.md", "pick.md", "robustness.md", "commands.md"}
+    assert set(PAGES) >= newcomers | {"your_robot.md", "real_cameras.md"}
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_the_commands_run_one_after_the_other_as_a_reader_would(stage: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "MINARI_DATASETS_PATH": str(stage / "datasets")}
-    ran = []
+@pytest.mark.parametrize("page", PAGES)
+def test_a_pages_commands_run_one_after_the_other_as_a_reader_would(page: str, first_run: Path, tmp_path: Path) -> None:
+    shutil.copytree(first_run, staged(tmp_path) / "logs")
     for command in ALL:
-        lacking = "ujoco" in command.line and not find_spec("mujoco")
-        shows_an_error = "{urdf" in command.line
-        if not command.shown or not OURS.match(command.line) or shows_an_error or lacking:
-            continue
-        module, argv = call(command.line)
-        if (
-            module.removeprefix("sb3_stereo.commands.") not in TINY
-            or "--resume" in argv
-            or "logs/sweeps" in command.line
-        ):
-            continue
-        line = [sys.executable, "-m", module, *tiny(module, argv, stage)]
-        result = subprocess.run(line, cwd=stage, env=environment, capture_output=True, text=True, check=False)
-        assert result.returncode == 0, f"{command}\n{result.stderr}"
-        ran.append(module)
-    assert {module.removeprefix("sb3_stereo.commands.") for module in ran} == set(TINY)
+        if command.text == page and to_run(command):
+            run_command(command.line, tmp_path)
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)

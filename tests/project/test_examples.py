@@ -1,4 +1,4 @@
-"""The Python of README and notebook runs as it stands, but with shorter training runs."""
+"""The Python of README, pages and notebook runs as it stands, but with shorter training runs."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,12 @@ import pytest
 from sb3_stereo.config import schema
 
 ROOT = Path(__file__).parents[2]
-README = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text(), re.DOTALL | re.MULTILINE)
+PAGES = ("README.md", "docs/pick.md", "docs/api.md")  # the others' need files of one's own, or LeRobot
+CODE = [
+    code
+    for page in PAGES
+    for code in re.findall(r"^```python\n(.*?)^```$", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
+]
 NOTEBOOK = ROOT / "docs" / "examples" / "first_agent.ipynb"
 # What makes a training short, by what stands in its place.
 SHORT = {
@@ -31,8 +36,8 @@ def shortened(code: str) -> str:
     return code
 
 
-@pytest.mark.parametrize("code", README, ids=lambda code: code.strip().splitlines()[-1][:30])
-def test_the_readmes_python_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("code", CODE, ids=lambda code: code.strip().splitlines()[-1][:30])
+def test_the_pages_python_runs(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     exec(shortened(code), {"__name__": "__main__"})
     if "film.mp4" in code:
@@ -40,7 +45,7 @@ def test_the_readmes_python_runs(code: str, tmp_path: Path, monkeypatch: pytest.
 
 
 def test_every_training_of_the_examples_is_shortened() -> None:
-    text = "\n".join([*README, NOTEBOOK.read_text().replace('\\"', '"')])
+    text = "\n".join([*CODE, NOTEBOOK.read_text().replace('\\"', '"')])
     for long in SHORT:
         assert long in text, "what is shortened stands there no more"
     assert schema.load_config("ddpg", schema.DEFAULT_ENV).n_timesteps == 8500

@@ -81,7 +81,9 @@ def test_the_change_log_and_the_citation_know_the_version() -> None:
 
 def test_the_constraints_pin_every_direct_dependency() -> None:
     options = setup_cfg()
-    extras = [text for name, text in options["options.extras_require"].items() if name not in ("zoo", "peers", "lerobot")]
+    extras = [
+        text for name, text in options["options.extras_require"].items() if name not in ("zoo", "peers", "lerobot")
+    ]
     required = "\n".join([options["options"]["install_requires"], *extras]).split("\n")
     wanted = {re.split(r"[\[<>=]", line)[0].lower().replace("_", "-") for line in required if line}
     lines = (ROOT / "constraints.txt").read_text().splitlines()
