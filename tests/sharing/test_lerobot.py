@@ -72,6 +72,7 @@ def test_a_lost_view_tells_nothing() -> None:
     env.close()
 
 
+@pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version")  # it is a wrapper that is checked
 @pytest.mark.parametrize("env_id", [ENV_ID, "WamStereoPick-v0"])
 def test_what_lerobot_is_shown_is_an_environment(env_id: str) -> None:
     env = LeRobotViews(gym.make(env_id).unwrapped)
