@@ -91,10 +91,9 @@ class StereoReachGoalEnv(StereoReachEnv):
         if self.reward_type == "sparse":
             return reached - 1.0
         previous = np.reshape(_previous(info), achieved.shape)
-        before, after = (rewards.lengths(_offsets(goal, desired)) for goal in (previous, achieved))
-        changes = rewards.distance_change(before, after, self.distance_scale)
-        each = [rewards.reward(*case) for case in zip(np.atleast_2d(changes), np.atleast_1d(reached), strict=True)]
-        return np.array(each) if achieved.ndim > 1 else each[0]
+        assert self.offset_reward is not None
+        dense, _ = self.offset_reward(_offsets(previous, desired), _offsets(achieved, desired))
+        return dense if achieved.ndim > 1 else float(dense)
 
     def compute_terminated(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any) -> Any:
         """Whether `desired_goal` is reached at `achieved_goal`; arguments and shapes as in `compute_reward`."""

@@ -138,6 +138,11 @@ class StereoPickEnv(StereoReachEnv):
         seen = f"lifted {round(lifted)} cm" if np.isfinite(lifted) else "the object is hidden"
         return f"{seen} of {100 * LIFT:.0f} cm"
 
+    @property
+    def offset_reward(self) -> rewards.OffsetReward | None:
+        """As in `StereoReachEnv`; a lift is none of offsets."""
+        return super().offset_reward if self.phase == "reach" else None
+
     # ------------------------------------------------------------------------------------------------ a control step
     def _act(self, action: ArrayLike) -> None:
         share = vector("action", action, len(self.effort_limits) + 1)

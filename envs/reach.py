@@ -248,6 +248,11 @@ class StereoReachEnv(StartedEnv):
         """Whether an observation has a channel that shows where the markers are."""
         return self.composite.arrangement == "markers"
 
+    @property
+    def offset_reward(self) -> rewards.OffsetReward | None:
+        """The reward as a function of offsets alone, for any target."""
+        return rewards.OffsetReward(self.distance_scale, self.rho, self._success_scale, self.min_views)
+
     # ------------------------------------------------------------------------------------------------ Gymnasium
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -289,7 +294,8 @@ class StereoReachEnv(StartedEnv):
         self._world.advance(self.pulse_duration)
         self._capture()
         goal = self._at_goal()
-        return self._observation(), self._reward(previous, goal), goal, False, self._info(goal)
+        info = self._info(goal) | {"previous_pixel_offsets": previous.offsets.copy()}
+        return self._observation(), self._reward(previous, goal), goal, False, info
 
     def _act(self, action: ArrayLike) -> None:
         """Do what an action says for one control step."""
@@ -347,6 +353,7 @@ class StereoReachEnv(StartedEnv):
             "is_success": goal,
             "pixel_distances": self._captured.distances.copy(),
             "pixel_offsets": self._captured.offsets.copy(),
+            "target_pixels": self._captured.centres[:, 1].copy(),
             "joint_positions": self.arm.joint_positions,
             "distance": float(np.linalg.norm(self._captured.end_effector_position - self._target_position)),
             "end_effector_position": self._captured.end_effector_position,

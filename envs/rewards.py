@@ -4,6 +4,7 @@ A distance is `nan` where it is undefined: a view in which the end effector or t
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,38 @@ def reward(changes: Floats, goal: bool) -> float:
         return -1.0
     defined = [change for change in known if not math.isnan(change)]
     return sum(defined) / len(defined) if defined else 0.0
+
+
+@dataclass(frozen=True)
+class OffsetReward:
+    """The reward of a step, and whether it ends at a goal, from offsets alone: of many transitions, for any target.
+
+    Attributes:
+        distance_scale: As `scale` in `distance_change`, in [px].
+        rho: As in `is_goal`, in [px] of the success frame.
+        success_scale: Pixels of the success frame per pixel of a camera's frame, shape (2,).
+        min_views: As in `is_goal`.
+    """
+
+    distance_scale: float
+    rho: float
+    success_scale: Floats
+    min_views: int | None = None
+
+    def __call__(self, previous: Floats, current: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Eq. 3 and tau, shape (...) each.
+
+        Args:
+            previous: Offsets from target to end effector before the step, shape (..., n_views, 2), in [px], nan where
+                undefined.
+            current: After it, likewise.
+        """
+        goals = np.asarray(is_goal(lengths(current * self.success_scale), self.rho, self.min_views))
+        changes = distance_change(lengths(previous), lengths(current), self.distance_scale)
+        defined = ~np.isnan(changes)
+        means = np.where(defined, changes, 0.0).sum(axis=-1) / np.maximum(defined.sum(axis=-1), 1)
+        unmoved = (changes == 0.0).all(axis=-1)  # nan is not zero
+        return np.where(goals, 1.0, np.where(unmoved, -1.0, means)), goals
 
 
 def lifting(changes: Floats, rise: float, goal: bool) -> float:

@@ -5,16 +5,23 @@ Attributes are asked through all wrappers. An environment may lack any of them: 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 # Keys of `info`, after every reset and step.
 OFFSETS = "pixel_offsets"  # from the target to the end effector, (n_views, 2) in [px]; NaN where it is occluded
 DISTANCES = "pixel_distances"  # their lengths, (n_views,) in [px]
+PREVIOUS_OFFSETS = "previous_pixel_offsets"  # the same before the step; after a step only
+TARGET = "target_pixels"  # where the target is in each view, (n_views, 2) in [px]; NaN where it is occluded
 SUCCESS = "is_success"  # SB3's name
+
+
+# From offsets before and after steps, (batch, n_views, 2) in [px], to rewards and whether the target is reached.
+OffsetReward = Callable[[NDArray[Any], NDArray[Any]], tuple[NDArray[Any], NDArray[Any]]]
 
 
 class StereoTask(Protocol):
@@ -24,6 +31,7 @@ class StereoTask(Protocol):
     views_in_channels: bool  # each view is a channel, and not a part of the rows
     marker_map: bool  # every second channel shows where the markers are, and not luminance
     mirrored_joints: tuple[int, ...] | None  # action components that change sign in the mirror; None: no mirror image
+    offset_reward: OffsetReward | None  # the reward as a function of offsets alone; None: it is none
     n_joints: int  # joints that one discrete action moves; `QuantizedActions` has it
 
 
@@ -37,6 +45,7 @@ class Task:
         marker_map: As in `StereoTask`; no if the environment does not say.
         mirrored_joints: As in `StereoTask`; None as well if the environment does not say.
         n_joints: As in `StereoTask`; None if the environment does not say.
+        offset_reward: As in `StereoTask`; None as well if the environment does not say.
     """
 
     n_views: int = 2
@@ -44,6 +53,7 @@ class Task:
     marker_map: bool = False
     mirrored_joints: tuple[int, ...] | None = None
     n_joints: int | None = None
+    offset_reward: OffsetReward | None = None
 
 
 def env_attribute(env: VecEnv, name: str, default: Any = None) -> Any:

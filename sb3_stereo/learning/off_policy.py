@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sb3_stereo.console import phase
 from sb3_stereo.learning.exploration import Annealing, anneal
+from sb3_stereo.learning.relabelling import RelabellingReplayBuffer
 from sb3_stereo.learning.replay import OWN_SETTINGS, StereoReplayBuffer
 from sb3_stereo.task_interface import agreed_n_views, task_of
 
@@ -64,13 +65,24 @@ class OffPolicyMixin(Base):
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="`n_steps=.* is ignored")  # ours has it from its kwargs
             super()._setup_model()
+        if isinstance(self.replay_buffer, RelabellingReplayBuffer) != getattr(self.policy, "relabelling", False):
+            raise ValueError(
+                "targets are relabelled by StereoDDPG and StereoTD3 with encoder_loss 'dynamics' and relabel_fraction "
+                "in replay_buffer_kwargs; set all of it, or leave relabel_fraction and relabelling out"
+            )
+
+    @property
+    def _relabels(self) -> bool:
+        return "relabel_fraction" in self.replay_buffer_kwargs or (
+            self.replay_buffer_class is not None and issubclass(self.replay_buffer_class, RelabellingReplayBuffer)
+        )
 
     def _needs_stereo_replay(self) -> bool:
         return not OWN_SETTINGS.isdisjoint(self.replay_buffer_kwargs)
 
     def _choose_replay_buffer(self) -> None:
         if self.replay_buffer_class is None and self._needs_stereo_replay():
-            self.replay_buffer_class = StereoReplayBuffer
+            self.replay_buffer_class = RelabellingReplayBuffer if self._relabels else StereoReplayBuffer
         buffer_class = self.replay_buffer_class
         if buffer_class is None:
             return

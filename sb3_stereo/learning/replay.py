@@ -15,11 +15,19 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_stereo.policies.dynamics import DynamicsSamples
-from sb3_stereo.task_interface import OFFSETS
+from sb3_stereo.task_interface import OFFSETS, OffsetReward
 
 Index = tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and environments, (batch,) each
 OWN_SETTINGS = frozenset(
-    {"mirror_probability", "success_fraction", "mirrored_joints", "n_views", "views_in_channels", "marker_map"}
+    {
+        "relabel_fraction",
+        "mirror_probability",
+        "success_fraction",
+        "mirrored_joints",
+        "n_views",
+        "views_in_channels",
+        "marker_map",
+    }
 )
 
 
@@ -41,6 +49,7 @@ class StereoReplayBuffer(ReplayBuffer):
         marker_map: Every second channel shows where the markers are, and not luminance.
         mirrored_joints: Components of the action that change sign: for most arms the joints that turn about an axis in
             that plane. None if the task has no mirror image.
+        offset_reward: The task's, see `StereoTask`; for subclasses.
         n_joints: Components that a discrete action numbers (see `QuantizedActions`); unused for a Box.
         mirror_probability: Fraction of the samples that are mirrored; None takes 0.5, or 0 without a mirror image.
         success_fraction: Fraction of the samples that are transitions into a terminal state, as soon as there is one.
@@ -60,6 +69,7 @@ class StereoReplayBuffer(ReplayBuffer):
         views_in_channels: bool | None = None,
         marker_map: bool = False,
         mirrored_joints: Sequence[int] | None = None,
+        offset_reward: OffsetReward | None = None,
         n_joints: int | None = None,
         mirror_probability: float | None = None,
         success_fraction: float = 0.0,
@@ -84,6 +94,7 @@ class StereoReplayBuffer(ReplayBuffer):
             raise ValueError(f"n_steps is {n_steps}; {problem}")
         self.n_views, self.mirror_probability, self.success_fraction = n_views, mirror_probability, success_fraction
         self.n_steps, self.gamma, self.marker_map = n_steps, gamma, marker_map
+        self.offset_reward = offset_reward
         self.views_in_channels = self.obs_shape[0] == n_views if views_in_channels is None else views_in_channels
         split = self.obs_shape[0 if self.views_in_channels else 1]
         if mirror_probability and split % n_views:

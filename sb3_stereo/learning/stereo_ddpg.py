@@ -23,6 +23,7 @@ from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from torch.nn import functional as F
 
 from sb3_stereo.learning.dynamics import DynamicsMixin
+from sb3_stereo.learning.relabelling import RelabelledSamples
 from sb3_stereo.policies.actor_critic import StereoCritic
 from sb3_stereo.policies.layers import scale_images
 
@@ -44,6 +45,11 @@ class StereoTD3(DynamicsMixin, TD3):
 
     critic: StereoCritic
     critic_target: StereoCritic
+
+    def _tell_policy(self) -> None:
+        super()._tell_policy()
+        if self._relabels:
+            self.policy_kwargs.setdefault("relabelling", True)
 
     def train(self, gradient_steps: int, batch_size: int = 100) -> None:
         """Update encoder, critic and actor from the replay buffer."""
@@ -70,7 +76,7 @@ class StereoTD3(DynamicsMixin, TD3):
 
     def _encoded_batches(
         self, n_batches: int, batch_size: int
-    ) -> Iterator[tuple[ReplayBufferSamples, th.Tensor, th.Tensor]]:
+    ) -> Iterator[tuple[ReplayBufferSamples | RelabelledSamples, th.Tensor, th.Tensor]]:
         """Sample batches with the features (batch, features_dim) of their observations and next observations.
 
         Neither critic nor actor changes the encoder, so that several batches are encoded in one pass.
@@ -81,9 +87,19 @@ class StereoTD3(DynamicsMixin, TD3):
             images = th.cat([images for batch in batches for images in (batch.observations, batch.next_observations)])
             with th.no_grad():
                 encoded = self.policy.encoder(scale_images(images, self.observation_space)).split(batch_size)
-            yield from zip(batches, encoded[::2], encoded[1::2], strict=True)
+            for batch, *features in zip(batches, encoded[::2], encoded[1::2], strict=True):
+                yield batch, *(self._with_displacements(found, batch) for found in features)
 
-    def _update_critic(self, batch: ReplayBufferSamples, features: th.Tensor, next_features: th.Tensor) -> float:
+    def _with_displacements(self, features: th.Tensor, batch: ReplayBufferSamples | RelabelledSamples) -> th.Tensor:
+        """Features followed by the displacement of the target, if the policy's networks take that."""
+        if not self.policy.relabelling:
+            return features
+        assert self.heads is not None and isinstance(batch, RelabelledSamples)
+        return th.cat([features, batch.displacements.flatten(1) / self.heads.offset_scale], dim=1)
+
+    def _update_critic(
+        self, batch: ReplayBufferSamples | RelabelledSamples, features: th.Tensor, next_features: th.Tensor
+    ) -> float:
         """One step on the mean squared error of every Q to r + discount * min Q'(s', pi'(s') + clipped noise)."""
         discount = self.gamma if batch.discounts is None else batch.discounts
         with th.no_grad():

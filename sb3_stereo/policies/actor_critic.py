@@ -29,6 +29,18 @@ def _features(network: Actor | ContinuousCritic, obs: th.Tensor, encoder: BaseFe
     return features
 
 
+class RelativeFeatures(nn.Module):
+    """`DynamicsHeads.relative` as a layer; the heads are trained elsewhere."""
+
+    def __init__(self, dynamics: DynamicsHeads) -> None:
+        super().__init__()
+        self._unregistered = (dynamics,)  # as in `SharedEncoderView`
+
+    def forward(self, features: th.Tensor) -> th.Tensor:
+        """Map features with a displacement to such with offsets, of the same shape."""
+        return self._unregistered[0].relative(features)
+
+
 class StereoActor(Actor):
     """Encoder, fully connected hidden layers with normalisation, tanh. Trained by the actor's loss only.
 
@@ -36,10 +48,18 @@ class StereoActor(Actor):
         args: As in SB3's `Actor`.
         hidden_norm: Of the hidden layers: "batch", "layer" or "none".
         final_init: The output layer starts in U(+-final_init).
+        relabelling: For `RelativeFeatures` of displaced targets; None if targets stay where they are.
         kwargs: As in SB3's `Actor`.
     """
 
-    def __init__(self, *args: Any, hidden_norm: str = "batch", final_init: float = 3e-4, **kwargs: Any) -> None:
+    def __init__(
+        self,
+        *args: Any,
+        hidden_norm: str = "batch",
+        final_init: float = 3e-4,
+        relabelling: DynamicsHeads | None = None,
+        **kwargs: Any,
+    ) -> None:
         super().__init__(*args, **kwargs)
         self.hidden_norm, self.final_init = hidden_norm, final_init
         layers = create_mlp(
@@ -50,7 +70,7 @@ class StereoActor(Actor):
             squash_output=True,
             post_linear_modules=hidden_norm_layers(hidden_norm),
         )
-        self.mu = nn.Sequential(*layers)
+        self.mu = nn.Sequential(*([RelativeFeatures(relabelling)] if relabelling else []), *layers)
         initialise(self.mu, "fan_in")
         _uniform(self.mu[-2], final_init)
 
@@ -122,6 +142,7 @@ class StereoCritic(ContinuousCritic):
         hidden_norm: Of the layer before the action joins: "batch", "layer" or "none".
         final_init: The output layers start in U(+-final_init).
         dynamics: Its forward model's predictions join the action. It is trained elsewhere.
+        relabelling: The features end with the displacement of the target.
     """
 
     def __init__(
@@ -138,6 +159,7 @@ class StereoCritic(ContinuousCritic):
         hidden_norm: str = "batch",
         final_init: float = 3e-4,
         dynamics: DynamicsHeads | None = None,
+        relabelling: bool = False,
     ) -> None:
         if not net_arch:
             raise ValueError("the critic needs at least one hidden layer in net_arch: the action joins after the first")
@@ -154,6 +176,7 @@ class StereoCritic(ContinuousCritic):
         )
         self.n_critics = n_critics
         self._unregistered = (dynamics,)  # as in `SharedEncoderView`
+        self.relabelling = relabelling
         joining_dim = get_action_dim(action_space) + (dynamics.prediction_dim if dynamics else 0)
         for index in range(n_critics):
             head = QHead(features_dim, joining_dim, net_arch, activation_fn, hidden_norm, final_init)
@@ -177,20 +200,28 @@ class StereoCritic(ContinuousCritic):
 
     def q_values(self, features: th.Tensor, actions: th.Tensor) -> tuple[th.Tensor, ...]:
         """`forward` from features (batch, features_dim): what the critic's loss trains."""
-        joining = self._joining(features, actions)
+        features, joining = self._relative(features), self._joining(features, actions)
         return tuple(head(features, joining) for head in self.q_networks)
 
     def q1_values(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
         """`q1_forward` from features (batch, features_dim): what the actor's loss trains by."""
         head = self.q_networks[0]
         with frozen(head):
-            values: th.Tensor = head(features.detach(), self._joining(features.detach(), actions))
+            joining = self._joining(features.detach(), actions)
+            values: th.Tensor = head(self._relative(features.detach()), joining)
         return values
+
+    def _relative(self, features: th.Tensor) -> th.Tensor:
+        (dynamics,) = self._unregistered
+        return dynamics.relative(features) if dynamics is not None and self.relabelling else features
 
     def _joining(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
         """What joins the features in every head: the actions, and the predicted offsets after them."""
         (dynamics,) = self._unregistered
         if dynamics is None:
             return actions
+        displacements: th.Tensor | float = 0.0
+        if self.relabelling:
+            features, displacements = dynamics.split(features)
         with frozen(dynamics.forward_model):
-            return th.cat([actions, dynamics.predict_offsets(features, actions)], dim=1)
+            return th.cat([actions, dynamics.predict_offsets(features, actions, displacements)], dim=1)

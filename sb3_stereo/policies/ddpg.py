@@ -57,6 +57,8 @@ class StereoDDPGPolicy(TD3Policy):
         qf_learning_rate: The critic's at the start; it follows the schedule in proportion. None means the actor's.
         actor_weight_decay: L2 in the actor's Adam (Table 1); the critic has none.
         final_init: The output layers start in U(+-final_init).
+        relabelling: Actor and critic can be told that the target is displaced, for "dynamics"; `StereoDDPG` sets it for
+            a `RelabellingReplayBuffer`.
 
     Raises:
         ValueError: If a choice is unknown or an argument contradicts another.
@@ -86,6 +88,7 @@ class StereoDDPGPolicy(TD3Policy):
         qf_learning_rate: float | None = None,
         actor_weight_decay: float = 1e-2,
         final_init: float = 3e-4,
+        relabelling: bool = False,
     ) -> None:
         if share_features_extractor:
             raise ValueError(
@@ -102,11 +105,13 @@ class StereoDDPGPolicy(TD3Policy):
         check_choice("encoder_loss", encoder_loss, ENCODER_LOSSES)
         if encoder_loss == "dynamics" and not shared_encoder:
             raise ValueError("encoder_loss 'dynamics' needs shared_encoder=True")
+        if relabelling and encoder_loss != "dynamics":
+            raise ValueError(f"relabelling needs the heads of encoder_loss 'dynamics', and it is '{encoder_loss}'")
         self.shared_encoder, self.encoder_loss, self.n_views = shared_encoder, encoder_loss, n_views
         self.dynamics_learning_rate = dynamics_learning_rate
         self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
         self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
-        self.final_init = final_init
+        self.final_init, self.relabelling = final_init, relabelling
         super().__init__(
             observation_space,
             action_space,
@@ -138,7 +143,10 @@ class StereoDDPGPolicy(TD3Policy):
 
     def _make_pair(self) -> tuple[StereoActor, StereoCritic]:
         if self.encoder_loss == "dynamics":
-            return self.make_actor(SharedEncoderView(self.encoder)), self.make_critic(SharedEncoderView(self.encoder))
+            assert self.dynamics is not None
+            n_zeros = self.dynamics.offsets_dim if self.relabelling else 0
+            views = [SharedEncoderView(self.encoder, n_zeros) for _ in range(2)]
+            return self.make_actor(views[0]), self.make_critic(views[1])
         critic = self.make_critic()
         shared = SharedEncoderView(critic.features_extractor) if self.shared_encoder else None
         return self.make_actor(shared), critic
@@ -174,14 +182,21 @@ class StereoDDPGPolicy(TD3Policy):
         """Return a new actor, with its own encoder if none is given."""
         encoder = features_extractor or self._make_encoder(self.actor_hidden_norm)
         kwargs = self._update_features_extractor(self.actor_kwargs, encoder)
-        return StereoActor(**kwargs, hidden_norm=self.actor_hidden_norm, final_init=self.final_init).to(self.device)
+        relabelling = self.dynamics if self.relabelling else None
+        return StereoActor(
+            **kwargs, hidden_norm=self.actor_hidden_norm, final_init=self.final_init, relabelling=relabelling
+        ).to(self.device)
 
     def make_critic(self, features_extractor: BaseFeaturesExtractor | None = None) -> StereoCritic:
         """Return a new critic, with its own encoder if none is given."""
         encoder = features_extractor or self._make_encoder(self.critic_hidden_norm)
         kwargs = self._update_features_extractor(self.critic_kwargs, encoder)
         return StereoCritic(
-            **kwargs, hidden_norm=self.critic_hidden_norm, final_init=self.final_init, dynamics=self.dynamics
+            **kwargs,
+            hidden_norm=self.critic_hidden_norm,
+            final_init=self.final_init,
+            dynamics=self.dynamics,
+            relabelling=self.relabelling,
         ).to(self.device)
 
     def _make_encoder(self, hidden_norm: str) -> BaseFeaturesExtractor:
@@ -200,4 +215,5 @@ class StereoDDPGPolicy(TD3Policy):
             "qf_learning_rate": self.qf_learning_rate,
             "actor_weight_decay": self.actor_weight_decay,
             "final_init": self.final_init,
+            "relabelling": self.relabelling,
         }

@@ -56,9 +56,36 @@ class DynamicsHeads(nn.Module):
         self.inverse_model = nn.Sequential(*create_mlp(2 * features_dim, n_joints, [hidden]))
         self.register_buffer("n_updates", th.tensor(0))  # saved: pre-training happens once in a model's life
 
-    def predict_offsets(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
-        """Offsets after the actions (batch, n_joints), and their lengths: (batch, prediction_dim)."""
-        offsets = self.forward_model(th.cat([features, actions], dim=1))
+    @property
+    def offsets_dim(self) -> int:
+        """Size of the marker's offsets in all views."""
+        return 2 * self.n_views
+
+    def relative(self, features: th.Tensor) -> th.Tensor:
+        """Put the marker's offsets from a displaced target in the place of the displacement.
+
+        Args:
+            features: Shape (batch, features_dim + offsets_dim), the displacement behind the encoder's.
+        """
+        features, displacements = self.split(features)
+        with th.no_grad():
+            return th.cat([features, self.position(features) - displacements], dim=1)
+
+    def split(self, features: th.Tensor) -> tuple[th.Tensor, th.Tensor]:
+        """The encoder's features (batch, features_dim), and the displacement (batch, offsets_dim) behind them."""
+        return features[:, : -self.offsets_dim], features[:, -self.offsets_dim :]
+
+    def predict_offsets(
+        self, features: th.Tensor, actions: th.Tensor, displacements: th.Tensor | float = 0.0
+    ) -> th.Tensor:
+        """Offsets after the actions (batch, n_joints), and their lengths: (batch, prediction_dim).
+
+        Args:
+            features: Shape (batch, features_dim).
+            actions: Shape (batch, n_joints).
+            displacements: Of the target, (batch, offsets_dim); 0 leaves it where it is.
+        """
+        offsets = self.forward_model(th.cat([features, actions], dim=1)) - displacements
         return th.cat([offsets, offsets.unflatten(1, (-1, 2)).norm(dim=2)], dim=1)
 
     def loss(self, features: th.Tensor, next_features: th.Tensor, samples: DynamicsSamples) -> th.Tensor:

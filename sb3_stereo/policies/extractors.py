@@ -14,6 +14,7 @@ from sb3_stereo.policies.layers import (
     HIDDEN_NORMS,
     INPUT_NORMS,
     Blur,
+    MarkerCentres,
     PixelNorm,
     check_choice,
     hidden_norm_layers,
@@ -37,6 +38,8 @@ class StereoCnn(BaseFeaturesExtractor):
         blur: Standard deviation of the `Blur` before everything else, in [px]; None leaves it out.
         downsample: Distance of the pixels that the blur keeps, in [px].
         embedding_dim: Size of a linear layer at the end; few numbers are enough for a pose. None leaves it out.
+        marker_views: Views of an image with a marker map (`composite: markers`), whose `MarkerCentres` follow the
+            features; None leaves them out.
 
     Raises:
         ValueError: If the space holds no (channels, height, width) images, a choice is unknown or the per-layer
@@ -57,15 +60,20 @@ class StereoCnn(BaseFeaturesExtractor):
         blur: float | None = None,
         downsample: int = 1,
         embedding_dim: int | None = None,
+        marker_views: int | None = None,
     ) -> None:
-        shape = _image_shape(observation_space)
+        shape = shape_of_input = _image_shape(observation_space)
         check_choice("input_norm", input_norm, INPUT_NORMS)
         check_choice("hidden_norm", hidden_norm, HIDDEN_NORMS)
         blurred = None if blur is None else Blur(shape, blur, downsample)
         shape = shape if blurred is None else blurred.shape
         convs = make_convs(shape[0], n_filters, kernel_sizes, strides, batch_norm=hidden_norm == "batch")
         flat_dim = flat_dim_of(convs, shape)
-        super().__init__(observation_space, embedding_dim or features_dim or flat_dim)
+        centres = None if marker_views is None else MarkerCentres(shape_of_input, marker_views)
+        super().__init__(
+            observation_space, (embedding_dim or features_dim or flat_dim) + (centres.dim if centres else 0)
+        )
+        self.centres = centres
         self.autocast = autocast
         self.blur = blurred or nn.Identity()
         self.input_norm = make_input_norm(input_norm, shape)
@@ -93,7 +101,7 @@ class StereoCnn(BaseFeaturesExtractor):
         if maps.requires_grad:
             maps.register_hook(_channels_last)  # after the flattening it is not, and every ReLU would be slow
         features: th.Tensor = self.fc(maps.float().flatten(start_dim=1))
-        return features
+        return features if self.centres is None else th.cat([features, self.centres(observations)], dim=1)
 
 
 def _image_shape(space: spaces.Box | spaces.Dict) -> Sequence[int]:

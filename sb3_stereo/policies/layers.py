@@ -93,6 +93,10 @@ def _gaussian_columns(size: int, sigma: float, downsample: int) -> th.Tensor:
     return weights / weights.sum(dim=0)
 
 
+NO_MARKER, FAINT = 128 / 255, 3 / 255  # values of a marker map; less than FAINT is rounding
+SPAN = 2.0  # of the coordinates of `MarkerCentres`, so that they weigh as much as learned features
+
+
 class PixelNorm(nn.Module):
     """Normalise each pixel by its own running mean and variance, then clip.
 
@@ -137,6 +141,52 @@ class PixelNorm(nn.Module):
         var = (images - mean).square().mean(dim=0)  # five times faster than th.var_mean over dim 0
         self.running_mean.lerp_(mean, weight)
         self.running_var.lerp_(var, weight)
+
+
+class MarkerCentres(nn.Module):
+    """Where the markers are in each view of a marker map: its centres of mass, as the paper detects colour blobs.
+
+    A convolution finds a place to about a pixel, and learns it from thousands of images; a centre of mass is exact to a
+    fraction of one, with nothing to learn. The map is 128 / 255 where there is no marker, more where the end effector's
+    is, and less where the target's is (`sb3_stereo.envs.composite.marker_map`).
+
+    Args:
+        shape: Of the images, (2 * n_frames, n_views * height, width); every second channel is a map.
+        n_views: Views in the rows.
+
+    Raises:
+        ValueError: If images of this shape are none with a marker map.
+    """
+
+    columns: th.Tensor
+    rows: th.Tensor
+
+    def __init__(self, shape: Sequence[int], n_views: int) -> None:
+        super().__init__()
+        channels, height, width = shape
+        if n_views < 1 or channels % 2 or height % n_views:
+            raise ValueError(
+                f"images of {channels} x {height} x {width} have no marker map of {n_views} views; "
+                "set the environment's composite to 'markers', or leave marker_views out"
+            )
+        self.n_views = n_views
+        self.dim = channels // 2 * n_views * 2 * 3
+        self.register_buffer("columns", th.linspace(-SPAN, SPAN, width), persistent=False)
+        self.register_buffer("rows", th.linspace(-SPAN, SPAN, height // n_views), persistent=False)
+
+    def forward(self, images: th.Tensor) -> th.Tensor:
+        """Map images (batch, channels, height, width) in [0, 1] to (batch, dim).
+
+        For every map, view and marker: x and y, from -2 to 2 across the view, and 2 if it is seen. All are 0 if not.
+        """
+        batch_size, channels, height, width = images.shape
+        views = (batch_size, channels // 2, self.n_views, height // self.n_views, width)
+        maps = images[:, 1::2].reshape(views) - NO_MARKER
+        weights = (th.stack([maps, -maps], dim=3) - FAINT).clamp(min=0.0)  # (..., views, markers, rows, columns)
+        mass = weights.sum(dim=(4, 5))
+        x = (weights.sum(dim=4) @ self.columns) / mass.clamp(min=FAINT)
+        y = (weights.sum(dim=5) @ self.rows) / mass.clamp(min=FAINT)
+        return th.stack([x, y, SPAN * (mass > 0.0)], dim=4).flatten(1)
 
 
 def scale_images(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch as th
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
 
 
 class SharedEncoderView(BaseFeaturesExtractor):
@@ -14,10 +15,12 @@ class SharedEncoderView(BaseFeaturesExtractor):
 
     Args:
         encoder: The encoder.
+        n_zeros: That follow the features: by how much the target is displaced, in whatever an agent sees.
     """
 
-    def __init__(self, encoder: BaseFeaturesExtractor) -> None:
-        super().__init__(encoder._observation_space, encoder.features_dim)
+    def __init__(self, encoder: BaseFeaturesExtractor, n_zeros: int = 0) -> None:
+        super().__init__(encoder._observation_space, encoder.features_dim + n_zeros)
+        self.n_zeros = n_zeros
         self._unregistered = (encoder,)  # torch's registry does not look inside a tuple
 
     @property
@@ -29,4 +32,4 @@ class SharedEncoderView(BaseFeaturesExtractor):
         """Map images (batch, channels, height, width) in [0, 1] to detached features (batch, features_dim)."""
         with th.no_grad():
             features: th.Tensor = self.encoder(observations)
-        return features
+        return nn.functional.pad(features, (0, self.n_zeros))

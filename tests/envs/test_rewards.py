@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sb3_stereo.envs.rewards import distance_change, is_goal, reward
+from sb3_stereo.envs.rewards import OffsetReward, distance_change, is_goal, lengths, reward
 
 NAN = float("nan")
 
@@ -70,3 +70,19 @@ def test_goal_needs_both_distances() -> None:
 def test_order_of_the_views_does_not_matter() -> None:
     for changes in np.random.default_rng(3).choice([NAN, -0.5, 0.0, 0.25], size=(100, 2)):
         assert reward(changes, False) == reward(changes[::-1], False)
+
+
+def test_the_reward_of_offsets_is_that_of_their_lengths() -> None:
+    rng = np.random.default_rng(0)
+    previous, current = (rng.uniform(-40, 40, (300, 2, 2)) for _ in range(2))
+    current[:50] = previous[:50]  # nothing moved
+    current[50:60] *= 0.1  # goals
+    for offsets in (previous, current):
+        offsets[rng.random((300, 2)) < 0.2] = np.nan
+    scale = np.array([0.5, 0.25])
+    rewards, goals = OffsetReward(30.0, 8.0, scale)(previous, current)
+    for one in range(300):
+        goal = is_goal(lengths(current[one] * scale), 8.0)
+        changes = distance_change(lengths(previous[one]), lengths(current[one]), 30.0)
+        assert (rewards[one], goals[one]) == (pytest.approx(reward(changes, goal)), goal)
+    assert goals.any() and (rewards == -1.0).any() and (rewards == 0.0).any()
