@@ -294,7 +294,9 @@ class StereoReachEnv(StartedEnv):
         self._world.advance(self.pulse_duration)
         self._capture()
         goal = self._at_goal()
-        info = self._info(goal) | {"previous_pixel_offsets": previous.offsets.copy()}
+        info = self._info(goal)
+        if not np.isnan(previous.offsets).any():  # NaN is not itself, which Gymnasium's checker takes for chance
+            info["previous_pixel_offsets"] = previous.offsets.copy()
         return self._observation(), self._reward(previous, goal), goal, False, info
 
     def _act(self, action: ArrayLike) -> None:

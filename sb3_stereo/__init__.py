@@ -19,6 +19,7 @@ _LAZY = {
     "LearnFromMotion": "sb3_stereo.learning.callbacks",
     "StereoReplay": "sb3_stereo.learning.callbacks",
     "StereoReplayBuffer": "sb3_stereo.learning.replay",
+    "RelabellingReplayBuffer": "sb3_stereo.learning.relabelling",
     "QuantizedActions": "sb3_stereo.envs.wrappers",
     "StereoCnn": "sb3_stereo.policies.extractors",
     "StereoCrossQ": "sb3_stereo.learning.contrib",

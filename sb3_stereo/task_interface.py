@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv
 # Keys of `info`, after every reset and step.
 OFFSETS = "pixel_offsets"  # from the target to the end effector, (n_views, 2) in [px]; NaN where it is occluded
 DISTANCES = "pixel_distances"  # their lengths, (n_views,) in [px]
-PREVIOUS_OFFSETS = "previous_pixel_offsets"  # the same before the step; after a step only
+PREVIOUS_OFFSETS = "previous_pixel_offsets"  # before the step, if all views saw both markers
 TARGET = "target_pixels"  # where the target is in each view, (n_views, 2) in [px]; NaN where it is occluded
 SUCCESS = "is_success"  # SB3's name
 

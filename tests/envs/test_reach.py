@@ -180,3 +180,28 @@ def test_efforts_scale_and_damping_slows() -> None:
     assert travel(damping=(40, 10, 4, 2)) < 0.5 * normal
     assert travel(pulse_duration=0.25) < 0.6 * normal
     assert travel(physics_rate=960) == pytest.approx(normal, rel=0.02)
+
+
+@pytest.mark.parametrize("env_id", ["WamStereoReach-v0", "WamStereoReachRandom-v1"])
+def test_offsets_alone_decide_reward_and_end(env_id: str) -> None:
+    """What relabelled targets are judged by is the task's own reward, and the info says where the target is."""
+    env = gym.make(f"sb3_stereo:{env_id}")
+    env.action_space.seed(0)
+    n_ends = 0
+    for seed in range(4):
+        _, info = env.reset(seed=seed)
+        target, before = info["target_pixels"], info["pixel_offsets"]
+        assert "previous_pixel_offsets" not in info
+        for _ in range(6):
+            _, reward, terminated, _, info = env.step(env.action_space.sample())
+            previous = info.get("previous_pixel_offsets", np.full((2, 2), np.nan))
+            seen = not np.isnan(before).any()
+            assert np.array_equal(previous, before) if seen else np.isnan(previous).all()
+            expected = env.get_wrapper_attr("offset_reward")(before, info["pixel_offsets"])
+            assert (pytest.approx(reward), terminated) == expected
+            before = info["pixel_offsets"]
+            still = np.linalg.norm(info["target_pixels"] - target, axis=1)
+            assert not (still > 6.0).any(), "px; the arm may hide a part of it"
+            n_ends += terminated
+            if terminated:
+                break
