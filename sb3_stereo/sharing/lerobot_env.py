@@ -114,8 +114,10 @@ def make_vector_env(
         use_async_envs: Step each in a process of its own.
     """
     env_fns = [partial(_make, env_id, dict(env_kwargs))] * n_envs
-    vec_env = AsyncVectorEnv if use_async_envs and n_envs > 1 else SyncVectorEnv
-    return {env_id: {0: vec_env(env_fns, autoreset_mode=AutoresetMode.SAME_STEP)}}
+    mode = AutoresetMode.SAME_STEP  # LeRobot's
+    if use_async_envs and n_envs > 1:  # not by fork, which OpenGL does not survive
+        return {env_id: {0: AsyncVectorEnv(env_fns, context="forkserver", autoreset_mode=mode)}}
+    return {env_id: {0: SyncVectorEnv(env_fns, autoreset_mode=mode)}}
 
 
 def _make(env_id: str, env_kwargs: dict[str, Any]) -> gym.Env[Any, Any]:

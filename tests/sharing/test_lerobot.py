@@ -293,11 +293,12 @@ def test_lerobot_makes_the_environment_of_a_repository_and_its_rollout_reaches_t
 
 
 @needs_lerobot
+@pytest.mark.slow
 def test_a_policy_of_lerobots_learns_the_actions(recorded: Any) -> None:
     from lerobot.configs import FeatureType
-    from lerobot.datasets.feature_utils import dataset_to_policy_features
     from lerobot.policies.act.configuration_act import ACTConfig
     from lerobot.policies.act.modeling_act import ACTPolicy
+    from lerobot.utils.feature_utils import dataset_to_policy_features
 
     features = dataset_to_policy_features(recorded.features)
     config = ACTConfig(
@@ -320,20 +321,20 @@ def test_a_policy_of_lerobots_learns_the_actions(recorded: Any) -> None:
     }
     th.manual_seed(0)
     policy = ACTPolicy(config)
-    frames = [recorded[index] for index in range(recorded.num_frames)]
+    frames = [recorded[index] for index in range(6)]
     batch = {key: th.stack([frame[key] for frame in frames]) for key in config.input_features}
     batch["observation.state"] = batch["observation.state"] / 160 - 1
     batch["action"] = th.stack([frame["action"] for frame in frames])[:, None]
     batch["action_is_pad"] = th.zeros(len(frames), 1, dtype=th.bool)
     optimizer = th.optim.Adam(policy.parameters(), lr=1e-3)
     losses = []
-    for _ in range(25):
+    for _ in range(20):
         loss, _ = policy.forward(batch)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
         losses.append(loss.item())
-    assert losses[-1] < 0.5 * losses[0]
+    assert losses[-1] < 0.7 * losses[0], losses
 
 
 @needs_lerobot
