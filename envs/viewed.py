@@ -82,4 +82,5 @@ class ViewedEnv(SimulatedEnv):
 
     def render(self) -> Image | None:
         """The frames of the latest observation side by side, RGB, shape (height, sum of widths, 3)."""
-        return np.hstack(self.frames) if self.render_mode == "rgb_array" else None
+        frames = self.frames  # in any mode: it is an error before the first reset
+        return np.hstack(frames) if self.render_mode == "rgb_array" else None
