@@ -1,6 +1,7 @@
 """Whatever goes wrong at whichever write, and again after each resumption: the run ends as if nothing had happened."""
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,14 @@ from sb3_stereo.training import Options, Result, resume, session, train
 
 CONFIG = tiny_config(n_timesteps=24, learning_starts=4, gradient_steps=1)
 MAX_FAULTS = 500
+
+
+@pytest.fixture(autouse=True)
+def ctrl_c_is_heard() -> Iterator[None]:
+    """A shell has its background jobs ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(autouse=True)
