@@ -93,10 +93,6 @@ def _gaussian_columns(size: int, sigma: float, downsample: int) -> th.Tensor:
     return weights / weights.sum(dim=0)
 
 
-NO_MARKER, FAINT = 128 / 255, 3 / 255  # values of a marker map; less than FAINT is rounding
-SPAN = 2.0  # of the coordinates of `MarkerCentres`, so that they weigh as much as learned features
-
-
 class PixelNorm(nn.Module):
     """Normalise each pixel by its own running mean and variance, then clip.
 
@@ -141,6 +137,10 @@ class PixelNorm(nn.Module):
         var = (images - mean).square().mean(dim=0)  # five times faster than th.var_mean over dim 0
         self.running_mean.lerp_(mean, weight)
         self.running_var.lerp_(var, weight)
+
+
+NO_MARKER, FAINT = 128 / 255, 3 / 255  # values of a marker map; less than FAINT is rounding
+SPAN = 2.0  # of the coordinates of `MarkerCentres`, so that they weigh as much as learned features
 
 
 class MarkerCentres(nn.Module):

@@ -32,4 +32,4 @@ class SharedEncoderView(BaseFeaturesExtractor):
         """Map images (batch, channels, height, width) in [0, 1] to detached features (batch, features_dim)."""
         with th.no_grad():
             features: th.Tensor = self.encoder(observations)
-        return nn.functional.pad(features, (0, self.n_zeros))
+        return nn.functional.pad(features, (0, self.n_zeros)) if self.n_zeros else features  # pad copies

@@ -53,7 +53,7 @@ def load_pretrained(env_id: str = DEFAULT_ENV, algo: str = "ddpg", device: str =
     """
     run = pretrained_run(algo, env_id)
     config, _ = load_record(run)
-    return load_model(config, pretrained_model(algo, env_id), device)
+    return load_model(config, model_path(run, config.env_id), device)
 
 
 def pretrained_model(algo: str, env_id: str) -> Path:
