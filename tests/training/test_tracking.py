@@ -53,9 +53,10 @@ def test_mlflow_holds_the_settings_and_the_scores(logs: Path, tmp_path: Path, mo
 
 
 def test_weights_and_biases_keeps_an_offline_run(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("wandb", reason='pip install -e ".[track]"')
+    wandb = pytest.importorskip("wandb", reason='pip install -e ".[track]"')
     monkeypatch.setenv("WANDB_MODE", "offline")
     result = train(tiny_config(), options(logs, track="wandb", wandb_project_name="reach", wandb_tags=("atag",)))
+    wandb.teardown()  # its service writes the file's last records after finish() has returned
     number = known_id(result.run)
     (file,) = (result.run / "wandb").glob(f"offline-run-*/run-{number}.wandb")
     content = file.read_bytes()  # protobuf, whose texts stand there as they are
