@@ -17,7 +17,13 @@ from pathlib import Path
 import benchmarks
 from benchmarks import FOLDER
 from benchmarks.tables.cells import Row, parse_arguments, train_missing
-from benchmarks.tables.readings import DDPG_CHECKPOINTS, DQN_CHECKPOINTS, OUR_CHECKPOINTS, READING_ROWS
+from benchmarks.tables.readings import (
+    DDPG_CHECKPOINTS,
+    DQN_CHECKPOINTS,
+    OUR_CHECKPOINTS,
+    READING_ROWS,
+    TRAINING_ROWS,
+)
 from benchmarks.tables.report import write_report
 from sb3_stereo.commands.flags import run_command
 from sb3_stereo.tuning.report import tell_failures
@@ -54,6 +60,7 @@ ROWS = (
     paper_ddpg(0.9, "pixel"),
     paper_ddpg(0.5, "pixel"),
     *READING_ROWS,
+    *TRAINING_ROWS,
 )
 
 

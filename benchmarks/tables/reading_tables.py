@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.analysis.baselines import read_lines
 from benchmarks.analysis.looks import looks_record
 from benchmarks.tables.cells import Row, read
-from benchmarks.tables.readings import READINGS
+from benchmarks.tables.readings import N_RANDOM, READINGS, TRAINING_ROWS
 from benchmarks.tables.row_tables import PUBLISHED, by_checkpoint, line_of, mean, table, with_interval
 from sb3_stereo.evaluation.intervals import Floats, interval
 
@@ -28,7 +28,30 @@ def reading_sections(rows: Iterable[Row]) -> list[str]:
                 f"### Reading: {reading.title}\n\n{reading.text}\n\n{matches(chosen)}{table(chosen, level=4)}"
             )
     picture = f"![Success under the readings]({READINGS_PICTURE})\n"
-    return [f"## Other readings of the paper\n\n{TEXT}", picture, *sections, *looks_table()] if sections else []
+    if not sections:
+        return []
+    return [
+        f"## Other readings of the paper\n\n{TEXT}",
+        picture,
+        *sections,
+        *training_section(measured),
+        *looks_table(),
+    ]
+
+
+TRAINING_TEXT = f"""The default task, with Table 1. In Algorithm 1, t counts the outer loop, so it may count episodes.
+Then the replay memory is filled for 1 000 episodes of random actions ({N_RANDOM} steps each on average), an update
+follows every environment step after that, and the 1 500 of Table 3 are {1500 * N_RANDOM:.0f} steps. Batch normalisation
+in Torch7 uses the statistics of its input unless told otherwise, so an agent may act by those of a single image
+(`acting_statistics: observation`). Then every normalised fully connected layer returns its bias, and the action is the
+same whatever the image.
+"""
+
+
+def training_section(measured: Iterable[Row]) -> list[str]:
+    """A section on other readings of the training, of which some row is recorded."""
+    chosen = [row for row in measured if row in TRAINING_ROWS]
+    return [f"### Readings of the training\n\n{TRAINING_TEXT}\n{table(chosen, level=4)}"] if chosen else []
 
 
 def matches(rows: Sequence[Row]) -> str:

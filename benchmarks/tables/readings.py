@@ -1,4 +1,5 @@
-"""Rows of the paper's settings on two other readings of its text, under which its numbers appear.
+"""Rows of the paper's settings on other readings of its text: two of the task, under which its numbers appear, and two
+of the training.
 
 They are trained by `benchmarks.tables.paper` and shown below the rows of the default reading.
 """
@@ -72,3 +73,29 @@ READINGS = (
     ),
 )
 READING_ROWS = tuple(row for reading in READINGS for row in reading.rows)
+
+
+N_RANDOM = 28.6  # steps of an episode of random actions on the default task, `baselines_strict.csv`
+
+
+def _training_row(name: str, label: str, *params: str, checkpoints: tuple[int, ...]) -> Row:
+    """Table 1 on the default task, trained otherwise."""
+    arguments = ("-conf", "hyperparams/paper/ddpg.yml", "-params", "gamma:0.99", *params)
+    return Row(f"paper_ddpg_{name}", "ddpg", f"DDPG, Table 1, γ 0.99, {label}", arguments, checkpoints)
+
+
+TRAINING_ROWS = (
+    _training_row(
+        "episodes",
+        "t counts episodes",
+        f"learning_starts:{1000 * N_RANDOM:.0f}",
+        f"exploration.n_steps:{10_000 * N_RANDOM:.0f}",
+        checkpoints=(round(1500 * N_RANDOM),),
+    ),
+    _training_row(
+        "acting_statistics",
+        "batch statistics when acting",
+        "policy_kwargs.acting_statistics:observation",
+        checkpoints=DDPG_CHECKPOINTS,
+    ),
+)

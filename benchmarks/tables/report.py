@@ -11,7 +11,7 @@ import benchmarks
 from benchmarks.tables.cells import Row, read
 from benchmarks.tables.reading_curves import draw_readings
 from benchmarks.tables.reading_tables import READINGS_PICTURE, reading_sections
-from benchmarks.tables.readings import READING_ROWS
+from benchmarks.tables.readings import READING_ROWS, TRAINING_ROWS
 from benchmarks.tables.row_tables import baseline_table, by_checkpoint, line_of, matrix, n_seeds, table
 from sb3_stereo.evaluation.intervals import Floats, interquartile_mean, interval
 
@@ -33,8 +33,9 @@ claimed to be the paper's. Where not all seeds of a row have come to its last ch
 def write_report(rows: Sequence[Row], folder: Path) -> Path:
     """Write `RESULTS.md` and the pictures into `folder`, and return the report's path."""
     parts = [HEAD, *optimum(), *baseline_table()]
+    strict = [row for row in rows if row not in (*READING_ROWS, *TRAINING_ROWS)]
     for algo, title in (("ddpg", "DDPG (Table 3)"), ("dqn", "DQN (Table 4)")):
-        chosen = [row for row in rows if row.algo == algo and read(row.record) and row not in READING_ROWS]
+        chosen = [row for row in strict if row.algo == algo and read(row.record)]
         if chosen:
             picture = f"learning_curves_{algo}.svg"
             draw(chosen, folder / picture, title)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from typing import Any
 
 import torch as th
 from gymnasium import spaces
 from stable_baselines3.common.preprocessing import get_action_dim
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import Schedule
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
 from sb3_stereo.policies.actor_critic import StereoActor, StereoCritic
 from sb3_stereo.policies.dynamics import DynamicsHeads
 from sb3_stereo.policies.extractors import StereoCnn, refuse_maps
-from sb3_stereo.policies.layers import check_choice
+from sb3_stereo.policies.layers import ACTING_STATISTICS, check_choice, statistics_of_each_observation
 from sb3_stereo.policies.old_names import rename_keys, renamed_choice
 from sb3_stereo.policies.optim import ScaledAdam
 from sb3_stereo.policies.shared_encoder import SharedEncoderView
@@ -57,6 +58,9 @@ class StereoDDPGPolicy(TD3Policy):
         qf_learning_rate: The critic's at the start; it follows the schedule in proportion. None means the actor's.
         actor_weight_decay: L2 in the actor's Adam (Table 1); the critic has none.
         final_init: The output layers start in U(+-final_init).
+        acting_statistics: What batch normalisation in the actor uses where it acts: "running" statistics, as in
+            PyTorch, or those of the single "observation", as in a network of Torch7 that is left in training mode
+            (then the action does not depend on the image; see docs/paper.md).
         relabelling: Actor and critic can be told that the target is displaced, for "dynamics"; `StereoDDPG` sets it for
             a `RelabellingReplayBuffer`.
 
@@ -88,6 +92,7 @@ class StereoDDPGPolicy(TD3Policy):
         qf_learning_rate: float | None = None,
         actor_weight_decay: float = 1e-2,
         final_init: float = 3e-4,
+        acting_statistics: str = "running",
         relabelling: bool = False,
     ) -> None:
         if share_features_extractor:
@@ -111,7 +116,8 @@ class StereoDDPGPolicy(TD3Policy):
         self.dynamics_learning_rate = dynamics_learning_rate
         self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
         self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
-        self.final_init, self.relabelling = final_init, relabelling
+        check_choice("acting_statistics", acting_statistics, ACTING_STATISTICS)
+        self.final_init, self.acting_statistics, self.relabelling = final_init, acting_statistics, relabelling
         super().__init__(
             observation_space,
             action_space,
@@ -164,6 +170,11 @@ class StereoDDPGPolicy(TD3Policy):
             )
         super().set_training_mode(mode)
 
+    def _predict(self, observation: PyTorchObs, deterministic: bool = False) -> th.Tensor:
+        by_itself = self.acting_statistics == "observation"
+        with statistics_of_each_observation(self.actor) if by_itself else nullcontext():
+            return super()._predict(observation, deterministic)
+
     def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **kwargs: Any) -> Any:
         """As in torch; also of a policy that was saved under the names before version 0.1.0."""
         return super().load_state_dict(rename_keys(state_dict), *args, **kwargs)
@@ -215,5 +226,6 @@ class StereoDDPGPolicy(TD3Policy):
             "qf_learning_rate": self.qf_learning_rate,
             "actor_weight_decay": self.actor_weight_decay,
             "final_init": self.final_init,
+            "acting_statistics": self.acting_statistics,
             "relabelling": self.relabelling,
         }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import torch as th
@@ -17,6 +18,9 @@ HIDDEN_NORMS = ("batch", "layer", "none")
 
 
 INITS = ("fan_in", "orthogonal", "xavier")
+
+
+ACTING_STATISTICS = ("running", "observation")
 
 
 def check_choice(name: str, value: str, choices: Sequence[str]) -> None:
@@ -205,3 +209,24 @@ def hidden_norm_layers(hidden_norm: str) -> list[type[nn.Module]]:
     check_choice("hidden_norm", hidden_norm, HIDDEN_NORMS)
     layers: dict[str, list[type[nn.Module]]] = {"batch": [nn.BatchNorm1d], "layer": [nn.LayerNorm], "none": []}
     return layers[hidden_norm]
+
+
+@contextmanager
+def statistics_of_each_observation(network: nn.Module) -> Iterator[None]:
+    """Let batch normalisation take each observation for a batch of its own, whatever it has learnt.
+
+    That is what a network computes that acts on single images in training mode, the default of Torch7. A fully
+    connected layer has one value per channel then, which is its own mean: its normalised output is the bias.
+    """
+
+    def normalise(norm: Any, inputs: tuple[th.Tensor], output: th.Tensor) -> th.Tensor:
+        (values,) = inputs  # th.group_norm, since PyTorch's BatchNorm and GroupNorm refuse a single value per channel
+        return th.group_norm(values, values.shape[1], norm.weight, norm.bias, norm.eps)
+
+    norms = [layer for layer in network.modules() if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d)]
+    hooks = [norm.register_forward_hook(normalise) for norm in norms]
+    try:
+        yield
+    finally:
+        for hook in hooks:
+            hook.remove()

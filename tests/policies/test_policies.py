@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch as th
 from fake_env import FakeImageEnv
@@ -25,6 +26,7 @@ from torch import nn
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
 from sb3_stereo.policies.extractors import StereoCnn
+from sb3_stereo.policies.layers import statistics_of_each_observation
 
 # --- construction
 
@@ -159,6 +161,37 @@ def test_pixel_statistics_see_one_batch_per_gradient_step(shared_encoder):
     assert set(online.values()) == {3}
 
 
+# --- acting
+
+
+def test_with_the_statistics_of_each_observation_the_action_ignores_the_image():
+    """Torch7's default: for a batch of one, a normalised fully connected layer returns its bias."""
+    model = make(DDPG, {**PAPER, "acting_statistics": "observation"})
+    *_, last_norm, relu, output, tanh = model.policy.actor.mu
+    for layer in (last_norm, output):
+        nn.init.uniform_(layer.weight), nn.init.uniform_(layer.bias)
+    images = observations()
+    with th.no_grad():
+        expected = tanh(output(relu(last_norm.bias))).numpy()
+    for given in (images, images[:1]):
+        actions, _ = model.predict(given, deterministic=True)
+        assert actions == pytest.approx(np.tile(expected, (len(given), 1)), abs=1e-6)
+    model.policy.acting_statistics = "running"
+    assert (model.predict(images, deterministic=True)[0].std(axis=0) > 0).any(), "nothing is left behind"
+
+
+def test_the_statistics_of_each_observation_are_those_of_training_mode_on_a_single_image():
+    convs = nn.Sequential(nn.BatchNorm2d(3), nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4))
+    images = th.rand(5, 3, 8, 8)
+    convs.eval()
+    with statistics_of_each_observation(convs), th.no_grad():
+        found = convs(images)
+    convs.train()
+    with th.no_grad():
+        expected = th.cat([convs(image[None]) for image in images])
+    assert th.allclose(found, expected, atol=1e-5)
+
+
 # --- refusals
 
 
@@ -182,6 +215,10 @@ def test_pixel_statistics_see_one_batch_per_gradient_step(shared_encoder):
             {"features_extractor_kwargs": {"hidden_norm": "none"}},
             "features_extractor_kwargs cannot set 'hidden_norm' in this policy; "
             "use actor_hidden_norm and critic_hidden_norm",
+        ),
+        (
+            {"acting_statistics": "batch"},
+            "unknown acting_statistics 'batch'; choices are running, observation",
         ),
         ({"critic_hidden_norm": "bn"}, "unknown hidden_norm 'bn'; choices are batch, layer, none"),
         (
