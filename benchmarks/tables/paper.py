@@ -57,8 +57,6 @@ ROWS = (
     paper_dqn(0.9),
     paper_ddpg(0.9, "channel"),
     paper_ddpg(0.5, "channel"),
-    paper_ddpg(0.9, "pixel"),
-    paper_ddpg(0.5, "pixel"),
     *READING_ROWS,
     *TRAINING_ROWS,
 )

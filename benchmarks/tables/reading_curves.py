@@ -24,7 +24,7 @@ def draw_readings(rows: Sequence[Row], file: Path) -> None:
     default = tuple(row for name in DEFAULT for row in rows if row.name == name)
     panels = [(STRICT, "default: ρ = 10 px of 320×240", default)]
     panels += [(reading.task, reading.short, reading.rows[: len(LABELS)]) for reading in READINGS]
-    figure, axes = plt.subplots(1, len(panels), figsize=(11, 4.2), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(1, len(panels), figsize=(13, 4.2), sharey=True, layout="constrained")
     for axis, (task, title, chosen) in zip(axes, panels, strict=True):
         _draw_rows(axis, chosen)
         _draw_baselines(axis, task)

@@ -14,7 +14,7 @@ TABLE_4 = {
     0.2: ((31, 100, 81, 100, 100), (21.31, 2.52, 8.86, 3.15, 2.96)),
     0.5: ((62, 64, 89, 97, 96), (16.19, 12.35, 6.11, 4.7, 6.12)),
 }
-READING_NAMES = ("observation", "long_pulses")
+READING_NAMES = ("observation", "long_pulses", "observation_close")
 PUBLISHED: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     **{f"paper_ddpg_{norm}_gamma_{gamma}": TABLE_3[gamma] for norm in ("channel", "pixel") for gamma in TABLE_3},
     **{f"{name}_ddpg_gamma_{gamma}": TABLE_3[gamma] for name in READING_NAMES for gamma in TABLE_3},
