@@ -3,6 +3,7 @@
 import multiprocessing
 import signal
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -139,6 +140,21 @@ def check_action_space(config: Config, space: gym.Space[Any]) -> None:
         change = "add" if config.algo == "dqn" else "remove"
         way_out = f"{change} the env_wrapper sb3_stereo.envs.wrappers.QuantizedActions"
         raise ConfigError(f"{config.algo} needs {wanted.__name__} actions, {config.env_id} has {space}; {way_out}")
+
+
+def check_evaluated_spaces(config: Config, env: VecEnv) -> None:
+    """Raise a ConfigError if what `eval_env_kwargs` change is what an agent of these environments sees or does."""
+    if not config.eval_env_kwargs:
+        return
+    with closing(make_env(config.env_id, config.evaluated.env_kwargs, config.env_wrapper)()) as evaluated:
+        for name in ("observation_space", "action_space"):
+            trained, found = getattr(env, name), getattr(evaluated, name)
+            if trained != found:
+                changed = ", ".join(config.eval_env_kwargs)
+                raise ConfigError(
+                    f"eval_env_kwargs ({changed}) make the {name} {found}, and the agent is trained with {trained}; "
+                    "set in env_kwargs what the agent sees or does"
+                )
 
 
 def make_noise(config: Config, env: VecEnv) -> ActionNoise:

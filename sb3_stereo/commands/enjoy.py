@@ -185,7 +185,7 @@ def enjoy_command(args: argparse.Namespace) -> int:
     print(f"Loading {path}")
     model = load_model(config, path, args.device, args.trust)
     render_mode = {"render_mode": "human"} if window else {}
-    given = {**config.env_kwargs, **parse_assignments(args.env_kwargs)}
+    given = {**config.evaluated.env_kwargs, **parse_assignments(args.env_kwargs)}
     env_kwargs = {**check_env_kwargs(args.env, given), **render_mode}
     with setting_up(args.env):
         env = make_env(args.env, env_kwargs, config.env_wrapper)()

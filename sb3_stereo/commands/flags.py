@@ -156,7 +156,11 @@ def check_device(device: str) -> None:
 
 
 def load_agent(args: argparse.Namespace, run: str | Path) -> "tuple[Config, Path, BaseAlgorithm]":
-    """Load the model of a run that the flags choose; return the run's configuration, the model's file and the model."""
+    """Load the model of a run that the flags choose.
+
+    Returns:
+        The configuration with which it is evaluated or shown, the model's file and the model.
+    """
     from sb3_stereo.runs.directory import import_packages, load_record, model_path
     from sb3_stereo.runs.models import load_model
 
@@ -165,7 +169,7 @@ def load_agent(args: argparse.Namespace, run: str | Path) -> "tuple[Config, Path
     config, _ = load_record(run)
     file = model_path(run, config.env_id, args.load_best, args.load_checkpoint)
     runtime.set_threads(args.num_threads)
-    return config, file, load_model(config, file, args.device, args.trust)
+    return config.evaluated, file, load_model(config, file, args.device, args.trust)
 
 
 def run_command(command: Callable[[Any], int], args: Any) -> int:

@@ -55,6 +55,9 @@ def make_parser() -> argparse.ArgumentParser:
         help="overrides, e.g. gamma:0.9 policy_kwargs.n_critics:1",
     )
     parser.add_argument("--env-kwargs", nargs="+", metavar="KEY:VALUE", help="arguments of the environment")
+    parser.add_argument(
+        "--eval-env-kwargs", nargs="+", metavar="KEY:VALUE", help="those that differ where the agent is evaluated"
+    )
     parser.add_argument("--vec-env", choices=("dummy", "subproc"), default="dummy", help="VecEnv type")
     parser.add_argument(
         "--eval-freq",
@@ -111,8 +114,10 @@ def make_config(args: argparse.Namespace) -> "Config":
     from sb3_stereo.config.schema import load_config
     from sb3_stereo.config.values import parse_assignments
 
-    params, env_kwargs = parse_assignments(args.hyperparams), parse_assignments(args.env_kwargs)
-    return load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps)
+    params, env_kwargs, eval_env_kwargs = map(
+        parse_assignments, (args.hyperparams, args.env_kwargs, args.eval_env_kwargs)
+    )
+    return load_config(args.algo, args.env, args.conf_file, params, env_kwargs, args.n_timesteps, eval_env_kwargs)
 
 
 def make_options(args: argparse.Namespace) -> "Options":

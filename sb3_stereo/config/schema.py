@@ -65,6 +65,7 @@ class Config:
         n_envs: Environments that are stepped together.
         policy_kwargs: Arguments of the policy.
         env_kwargs: Arguments of the environment.
+        eval_env_kwargs: Those that differ where the agent is evaluated or shown.
         monitor_kwargs: Arguments of SB3's Monitor; the success is recorded by default.
         env_wrapper: Wrappers, innermost first, around the Monitor.
         callback: Callbacks of the training.
@@ -80,6 +81,7 @@ class Config:
     n_envs: int = 1
     policy_kwargs: Mapping[str, Any] = field(default_factory=dict)
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    eval_env_kwargs: Mapping[str, Any] = field(default_factory=dict)
     monitor_kwargs: Mapping[str, Any] = field(default_factory=lambda: {"info_keywords": ["is_success"]})
     env_wrapper: tuple[Component, ...] = ()
     callback: tuple[Component, ...] = ()
@@ -90,6 +92,7 @@ class Config:
     def plain(self) -> dict[str, Any]:
         """Return the configuration in the YAML's schema, as numbers, texts, lists and maps only."""
         noise = {"noise_type": self.noise_type, "noise_std": self.noise_std} if self.noise_type else {}
+        evaluated = {"eval_env_kwargs": dict(self.eval_env_kwargs)} if self.eval_env_kwargs else {}
         values = {
             "n_timesteps": self.n_timesteps,
             "n_envs": self.n_envs,
@@ -100,7 +103,12 @@ class Config:
             "env_wrapper": [component.plain() for component in self.env_wrapper],
             "callback": [component.plain() for component in self.callback],
         }
-        return values | noise | dict(self.algo_kwargs)
+        return values | evaluated | noise | dict(self.algo_kwargs)
+
+    @property
+    def evaluated(self) -> "Config":
+        """The same with the environment in which the agent is evaluated or shown."""
+        return replace(self, env_kwargs={**self.env_kwargs, **self.eval_env_kwargs}, eval_env_kwargs={})
 
 
 def algorithm(name: str) -> "type[BaseAlgorithm]":
@@ -140,6 +148,7 @@ def load_config(
     params: Mapping[str, Any] | None = None,
     env_kwargs: Mapping[str, Any] | None = None,
     n_timesteps: int = -1,
+    eval_env_kwargs: Mapping[str, Any] | None = None,
 ) -> Config:
     """Read a YAML file, apply the overrides and check the result.
 
@@ -150,6 +159,7 @@ def load_config(
         params: Overrides by key; a dotted key reaches inside, see `values.override_all`.
         env_kwargs: Overrides of `env_kwargs`.
         n_timesteps: Override of `n_timesteps`; -1 keeps the file's, as in the zoo.
+        eval_env_kwargs: Overrides of `eval_env_kwargs`.
 
     Raises:
         ConfigError: If anything in it is unknown or of the wrong type.
@@ -157,8 +167,9 @@ def load_config(
     algorithm(algo)
     check_env_id(env_id)
     values = override_all(renamed_settings(algo, read_hyperparams(algo, env_id, conf_file)), renamed_keys(params))
-    if env_kwargs:
-        values["env_kwargs"] = {**(values.get("env_kwargs") or {}), **env_kwargs}
+    for key, given in (("env_kwargs", env_kwargs), ("eval_env_kwargs", eval_env_kwargs)):
+        if given:
+            values[key] = {**(values.get(key) or {}), **given}
     if n_timesteps != -1:
         values["n_timesteps"] = n_timesteps
     return parse_config(algo, env_id, values)
@@ -197,6 +208,8 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
         if key not in values:
             raise ConfigError(f"the hyper-parameters of {env_id} lack '{key}'; add it to the file or to -params")
     policy = policy_class(algo, values["policy"])
+    env_kwargs, eval_env_kwargs = _as_map(values, "env_kwargs"), _as_map(values, "eval_env_kwargs")
+    evaluated = check_env_kwargs(env_id, {**env_kwargs, **eval_env_kwargs})
     config = Config(
         algo=algo,
         env_id=env_id,
@@ -204,7 +217,8 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
         n_envs=_positive(values.get("n_envs", 1), "n_envs"),
         policy=values["policy"],
         policy_kwargs=_policy_kwargs(policy, values),
-        env_kwargs=check_env_kwargs(env_id, _as_map(values, "env_kwargs")),
+        env_kwargs=check_env_kwargs(env_id, env_kwargs),
+        eval_env_kwargs={name: evaluated[name] for name in eval_env_kwargs},
         env_wrapper=_wrappers(values),
         callback=parse_components(values.get("callback"), BaseCallback, "callback"),
         algo_kwargs=_algo_kwargs(algo_class, {k: v for k, v in values.items() if k in algo_keys}),

@@ -48,7 +48,7 @@ def run_report(run: Path, model: Any, n_episodes: int) -> str:
     lead = f"{100 * last['success_rate']:.0f} % of the test poses after {max(by_step)} environment steps"
     parts = [f"<h1>{html.escape(title)}</h1><p>{html.escape(lead)}; run <code>{html.escape(str(run))}</code></p>"]
     if n_episodes:
-        parts.append(section("Film", embedded_film(config, model, n_episodes)))
+        parts.append(section("Film", embedded_film(config.evaluated, model, n_episodes)))
     parts.append(section("Learning curves", embedded_curves(run)))
     parts.append(section("Evaluations", preformatted(score_table(by_step))))
     parts += disturbed(run)

@@ -111,7 +111,10 @@ def shareable(args: Mapping[str, Any]) -> dict[str, Any]:
 
     What they said of settings is in `config.yml`.
     """
-    places = ("conf_file", "hyperparams", "env_kwargs", "trained_agent", "resume", "tensorboard_log", "tensorboard")
+    places = (
+        *("conf_file", "hyperparams", "env_kwargs", "eval_env_kwargs"),
+        *("trained_agent", "resume", "tensorboard_log", "tensorboard"),
+    )
     return {**args, **{key: None for key in places if key in args}, "log_folder": "logs"}
 
 

@@ -8,7 +8,13 @@ from stable_baselines3.common.logger import KVWriter, Logger
 from stable_baselines3.common.logger import configure as configure_logger
 from stable_baselines3.common.vec_env import VecEnv
 
-from sb3_stereo.building.factory import make_callbacks, make_env, make_model, make_training_env
+from sb3_stereo.building.factory import (
+    check_evaluated_spaces,
+    make_callbacks,
+    make_env,
+    make_model,
+    make_training_env,
+)
 from sb3_stereo.building.workers import close, deaths_are_errors
 from sb3_stereo.config.schema import Config
 from sb3_stereo.errors import setting_up
@@ -85,6 +91,7 @@ class Session:
             self._env = make_training_env(config, options.seed, str(self.run), options.vec_env, state is not None)
         with deaths_are_errors(self._env):
             with setting_up(config.algo, Refused):
+                check_evaluated_spaces(config, self._env)
                 self._model = make_model(
                     config, self._env, options.seed, options.device, verbose=max(0, options.verbose - 1)
                 )
@@ -107,7 +114,9 @@ class Session:
 
     def _callbacks(self) -> list[BaseCallback]:
         """The callbacks that have a state."""
-        evaluation = self._evaluation = make_evaluation(self.config, self.options, self.run, self._on_evaluation)
+        evaluation = self._evaluation = make_evaluation(
+            self.config.evaluated, self.options, self.run, self._on_evaluation
+        )
         progress = [Progress(self.options.progress)] if self.options.verbose else []
         pictures = [TensorboardPictures(evaluation, self.options.seed)] if self.tensorboard else []
         # The progress last: in the end it is closed after the last evaluation, which it shows.

@@ -71,9 +71,9 @@ ERRORS = [
     (
         {"gama": 0.9},
         "unknown hyper-parameter of ddpg 'gama' (did you mean 'gamma'?); allowed are: augmentation, batch_size, "
-        "buffer_size, callback, dynamics_steps, env_kwargs, env_wrapper, exploration, frame_stack, gamma, "
-        "gradient_steps, learning_rate, learning_starts, monitor_kwargs, n_envs, n_steps, n_timesteps, noise_std, "
-        "noise_type, optimize_memory_usage, policy, policy_kwargs, pretraining, replay_buffer_class, "
+        "buffer_size, callback, dynamics_steps, env_kwargs, env_wrapper, eval_env_kwargs, exploration, frame_stack, "
+        "gamma, gradient_steps, learning_rate, learning_starts, monitor_kwargs, n_envs, n_steps, n_timesteps, "
+        "noise_std, noise_type, optimize_memory_usage, policy, policy_kwargs, pretraining, replay_buffer_class, "
         "replay_buffer_kwargs, tau, train_freq",
     ),
     ({"gamma": "high"}, "DDPG: gamma must be a number, got 'high'"),

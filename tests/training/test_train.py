@@ -13,6 +13,7 @@ from typing import Any
 import fake_reach
 import numpy as np
 import pytest
+from stable_baselines3.common.monitor import load_results
 from tiny_training import QUICK, SMALL, TINY, tiny_config
 
 from sb3_stereo import __main__
@@ -20,6 +21,8 @@ from sb3_stereo.building.factory import make_model, make_training_env
 from sb3_stereo.commands import enjoy, evaluate
 from sb3_stereo.commands import train as train_cli
 from sb3_stereo.config.schema import ALGORITHMS, load_config
+from sb3_stereo.evaluation.scores import read_scores
+from sb3_stereo.runs import load_record
 from sb3_stereo.training import Options, train
 
 ROOT = Path(__file__).parents[2]
@@ -143,6 +146,25 @@ def test_the_environment_gets_its_arguments_and_cap() -> None:
     env.reset()
     steps = [env.step(np.ones((1, 4), np.float32))[2][0] for _ in range(2)]
     assert steps[-1]
+
+
+def test_the_agent_may_be_evaluated_with_other_arguments_than_it_is_trained_with(logs: Path) -> None:
+    arguments = ("--env-kwargs", "tolerance:0.001", "--eval-env-kwargs", "tolerance:5")
+    assert run_train(logs, "-n", "20", *arguments, params=TINY) == 0
+    run = logs / "ddpg" / "FakeReach-v0_1"
+    config, _ = load_record(run)
+    assert config.env_kwargs == {"tolerance": 0.001} and config.evaluated.env_kwargs == {"tolerance": 5}
+    assert [scores["success_rate"] for scores in read_scores(run).values()] == [1.0]
+    assert load_results(str(run))["is_success"].sum() == 0
+
+
+def test_the_evaluated_environment_has_the_same_spaces(capsys: pytest.CaptureFixture[str], logs: Path) -> None:
+    arguments = ["--env", "WamStereoReach-v1", "--eval-env-kwargs", "composite:channels"]
+    assert train_cli.main([*arguments, "-f", str(logs), "-n", "20", "-params", "learning_starts:10"]) == 2
+    assert capsys.readouterr().err == (
+        "error: eval_env_kwargs (composite) make the observation_space Box(0, 255, (2, 42, 84), uint8), and the agent "
+        "is trained with Box(0, 255, (1, 84, 84), uint8); set in env_kwargs what the agent sees or does\n"
+    )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -116,7 +116,8 @@ ERRORS: list[tuple[dict[str, Any], str]] = [
     (
         {"parameters": {"dynamics_step": {"values": [1]}}},
         "unknown hyper-parameter of ddpg 'dynamics_step' (did you mean 'dynamics_steps'?); allowed are: "
-        "augmentation, batch_size, buffer_size, callback, dynamics_steps, env_kwargs, env_wrapper, exploration, "
+        "augmentation, batch_size, buffer_size, callback, dynamics_steps, env_kwargs, env_wrapper, "
+        "eval_env_kwargs, exploration, "
         "frame_stack, gamma, "
         "gradient_steps, learning_rate, learning_starts, monitor_kwargs, n_envs, n_steps, n_timesteps, noise_std, "
         "noise_type, optimize_memory_usage, policy, policy_kwargs, pretraining, replay_buffer_class, "
