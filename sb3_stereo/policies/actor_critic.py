@@ -223,5 +223,5 @@ class StereoCritic(ContinuousCritic):
         displacements: th.Tensor | float = 0.0
         if self.relabelling:
             features, displacements = dynamics.split(features)
-        with frozen(dynamics.forward_model):
+        with frozen(dynamics):
             return th.cat([actions, dynamics.predict_offsets(features, actions, displacements)], dim=1)

@@ -52,6 +52,7 @@ class StereoDDPGPolicy(TD3Policy):
             forward model's prediction too.
         n_views: Views in the image, for "dynamics"; `StereoDDPG` asks the environment.
         dynamics_learning_rate: Of the encoder and the heads, for "dynamics".
+        forward_dynamics: Of the heads, for "dynamics": "offsets" or "features", see `DynamicsHeads`.
         actor_hidden_norm: Follows the actor's hidden layers (and its own convolutions if "batch"): "batch", "layer"
             or "none".
         critic_hidden_norm: The same for the critic and its encoder, up to where the action joins.
@@ -87,6 +88,7 @@ class StereoDDPGPolicy(TD3Policy):
         encoder_loss: str = "critic",
         n_views: int = 2,
         dynamics_learning_rate: float = 1e-3,
+        forward_dynamics: str = "offsets",
         actor_hidden_norm: str = "batch",
         critic_hidden_norm: str = "batch",
         qf_learning_rate: float | None = None,
@@ -113,7 +115,7 @@ class StereoDDPGPolicy(TD3Policy):
         if relabelling and encoder_loss != "dynamics":
             raise ValueError(f"relabelling needs the heads of encoder_loss 'dynamics', and it is '{encoder_loss}'")
         self.shared_encoder, self.encoder_loss, self.n_views = shared_encoder, encoder_loss, n_views
-        self.dynamics_learning_rate = dynamics_learning_rate
+        self.dynamics_learning_rate, self.forward_dynamics = dynamics_learning_rate, forward_dynamics
         self.actor_hidden_norm, self.critic_hidden_norm = actor_hidden_norm, critic_hidden_norm
         self.qf_learning_rate, self.actor_weight_decay = qf_learning_rate, actor_weight_decay
         check_choice("acting_statistics", acting_statistics, ACTING_STATISTICS)
@@ -137,7 +139,10 @@ class StereoDDPGPolicy(TD3Policy):
         self.dynamics: DynamicsHeads | None = None
         if self.encoder_loss == "dynamics":
             self.encoder = self._make_encoder(self.critic_hidden_norm).eval().to(self.device)
-            self.dynamics = DynamicsHeads(self.encoder.features_dim, get_action_dim(self.action_space), self.n_views)
+            n_joints, dynamics = get_action_dim(self.action_space), self.forward_dynamics
+            self.dynamics = DynamicsHeads(
+                self.encoder.features_dim, n_joints, self.n_views, forward_dynamics=dynamics
+            )
             self.dynamics.to(self.device).add_optimizer(self.encoder, self.dynamics_learning_rate)
         self.actor, self.critic = self._make_pair()
         self.actor_target, self.critic_target = self._make_pair()
@@ -221,6 +226,7 @@ class StereoDDPGPolicy(TD3Policy):
             "encoder_loss": self.encoder_loss,
             "n_views": self.n_views,
             "dynamics_learning_rate": self.dynamics_learning_rate,
+            "forward_dynamics": self.forward_dynamics,
             "actor_hidden_norm": self.actor_hidden_norm,
             "critic_hidden_norm": self.critic_hidden_norm,
             "qf_learning_rate": self.qf_learning_rate,

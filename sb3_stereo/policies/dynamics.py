@@ -8,7 +8,9 @@ import torch as th
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from torch import nn
 
-from sb3_stereo.policies.layers import scale_images
+from sb3_stereo.policies.layers import check_choice, scale_images
+
+FORWARD_DYNAMICS = ("offsets", "features")
 
 
 class DynamicsSamples(NamedTuple):
@@ -34,6 +36,12 @@ class DynamicsHeads(nn.Module):
         hidden: Size of each head's hidden layer.
         offset_scale: Pixels that count as 1.
         inverse_coef: Weight of the inverse model's loss.
+        forward_dynamics: What the forward model predicts after an action: "offsets", or a change of the "features",
+            from which `position` reads the offsets. No action, no change: the arm is at rest between two steps, and
+            near a target that matters more than what is predicted of large actions.
+
+    Raises:
+        ValueError: If `forward_dynamics` is unknown.
     """
 
     n_updates: th.Tensor
@@ -47,12 +55,16 @@ class DynamicsHeads(nn.Module):
         hidden: int = 200,
         offset_scale: float = 50.0,
         inverse_coef: float = 0.5,
+        forward_dynamics: str = "offsets",
     ) -> None:
         super().__init__()
+        check_choice("forward_dynamics", forward_dynamics, FORWARD_DYNAMICS)
+        self.forward_dynamics = forward_dynamics
         self.n_views, self.offset_scale, self.inverse_coef = n_views, offset_scale, inverse_coef
         self.prediction_dim = 3 * n_views
         self.position = nn.Sequential(*create_mlp(features_dim, 2 * n_views, [hidden]))
-        self.forward_model = nn.Sequential(*create_mlp(features_dim + n_joints, 2 * n_views, [hidden]))
+        predicted_dim = 2 * n_views if forward_dynamics == "offsets" else features_dim
+        self.forward_model = nn.Sequential(*create_mlp(features_dim + n_joints, predicted_dim, [hidden]))
         self.inverse_model = nn.Sequential(*create_mlp(2 * features_dim, n_joints, [hidden]))
         self.register_buffer("n_updates", th.tensor(0))  # saved: pre-training happens once in a model's life
 
@@ -85,8 +97,19 @@ class DynamicsHeads(nn.Module):
             actions: Shape (batch, n_joints).
             displacements: Of the target, (batch, offsets_dim); 0 leaves it where it is.
         """
-        offsets = self.forward_model(th.cat([features, actions], dim=1)) - displacements
+        offsets = self.offsets_after(features, actions) - displacements
         return th.cat([offsets, offsets.unflatten(1, (-1, 2)).norm(dim=2)], dim=1)
+
+    def offsets_after(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
+        """Predict the marker's offsets (batch, offsets_dim) after actions (batch, n_joints), scaled."""
+        acted = th.cat([features, actions], dim=1)
+        if self.forward_dynamics == "offsets":
+            offsets: th.Tensor = self.forward_model(acted)
+            return offsets
+        at_rest = th.cat([features, th.zeros_like(actions)], dim=1)
+        after, before = self.forward_model(th.cat([acted, at_rest])).chunk(2)
+        offsets = self.position(features + after - before)
+        return offsets
 
     def loss(self, features: th.Tensor, next_features: th.Tensor, samples: DynamicsSamples) -> th.Tensor:
         """Sum of the three mean squared errors; occluded markers are masked.
@@ -98,7 +121,7 @@ class DynamicsHeads(nn.Module):
         """
         offsets = samples.next_offsets.flatten(1) / self.offset_scale
         seen = ~offsets.isnan()
-        predictions = self.position(next_features), self.forward_model(th.cat([features, samples.actions], dim=1))
+        predictions = self.position(next_features), self.offsets_after(features, samples.actions)
         errors = [((predicted - offsets.nan_to_num()) * seen).square().mean() for predicted in predictions]
         actions = self.inverse_model(th.cat([features, next_features], dim=1))
         loss: th.Tensor = sum(errors) + self.inverse_coef * nn.functional.mse_loss(actions, samples.actions)

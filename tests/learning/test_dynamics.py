@@ -23,7 +23,7 @@ from sb3_stereo.learning.stereo_ddpg import StereoDDPG, StereoTD3
 from sb3_stereo.learning.stereo_dqn import StereoDQN
 from sb3_stereo.policies.ddpg import StereoDDPGPolicy
 from sb3_stereo.policies.dqn import StereoDQNPolicy
-from sb3_stereo.policies.dynamics import DynamicsHeads, DynamicsSamples
+from sb3_stereo.policies.dynamics import FORWARD_DYNAMICS, DynamicsHeads, DynamicsSamples
 
 CNN = {"n_filters": 4, "features_dim": 8, "embedding_dim": 3, "input_norm": "pixel"}
 POLICY = {"net_arch": [8, 8], "shared_encoder": True, "encoder_loss": "dynamics", "features_extractor_kwargs": CNN}
@@ -85,11 +85,27 @@ def test_predictions_are_offsets_and_their_lengths() -> None:
     assert th.allclose(th.hypot(offsets[..., 0], offsets[..., 1]), lengths)
 
 
-def test_the_critic_is_conditioned_on_the_forward_model() -> None:
+def test_a_predicted_change_of_features_is_none_without_an_action() -> None:
+    features, actions = th.rand(5, 3), th.rand(5, 4)
+    heads = DynamicsHeads(3, 4, 2, 8, forward_dynamics="features")
+    read = heads.position(features)
+    assert th.allclose(heads.offsets_after(features, th.zeros(5, 4)), read, atol=1e-6)
+    assert not th.allclose(heads.offsets_after(features, actions), read, atol=1e-3)
+
+
+def test_an_unknown_forward_dynamics_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^unknown forward_dynamics 'pixels'; choices are offsets, features$"):
+        ddpg(policy_kwargs={"forward_dynamics": "pixels"})
+
+
+@pytest.mark.parametrize("forward_dynamics", FORWARD_DYNAMICS)
+def test_the_critic_is_conditioned_on_the_forward_model(forward_dynamics: str) -> None:
     """With everything else the same, a prediction changes Q, and its gradient reaches the action."""
-    policy = ddpg().policy
+    policy = ddpg(policy_kwargs={"forward_dynamics": forward_dynamics}).policy
     images, action = th.zeros(2, 1, 60, 60, dtype=th.uint8), th.zeros(2, 4, requires_grad=True)
     before = policy.critic(images, action)[0]
+    for parameter in policy.dynamics.position.parameters() if forward_dynamics == "features" else ():
+        parameter.data += 0.1
     for parameter in policy.dynamics.forward_model.parameters():
         parameter.data += 0.1
     assert not th.equal(before, policy.critic(images, action)[0])
@@ -103,8 +119,9 @@ def test_the_critic_is_conditioned_on_the_forward_model() -> None:
 # --- the update
 
 
-def test_each_loss_trains_its_own_networks() -> None:
-    model = ddpg(pretraining={"dynamics": 1})
+@pytest.mark.parametrize("forward_dynamics", FORWARD_DYNAMICS)
+def test_each_loss_trains_its_own_networks(forward_dynamics: str) -> None:
+    model = ddpg(pretraining={"dynamics": 1}, policy_kwargs={"forward_dynamics": forward_dynamics})
     model.learn(34)
     policy = model.policy
     encoder, heads, critic, actor = map(state, (policy.encoder, policy.dynamics, policy.critic, policy.actor))
