@@ -176,7 +176,8 @@ def _caption(caption: Caption, size: tuple[int, int]) -> Image:
         cv2.rectangle(paper, (middle - BAR, y - 14), (middle + BAR, y), FAINT, cv2.FILLED)  # as far as the limits
         cv2.rectangle(paper, (min(middle, end), y - 14), (max(middle, end), y), PALE, cv2.FILLED)
         cv2.line(paper, (middle, y - 18), (middle, y + 4), INK, 1)
-        _write(paper, effort.joint, (middle - BAR - 40, y), PALE, 0.5)
+        (name_width, _), _ = cv2.getTextSize(effort.joint, FONT, 0.5, 1)
+        _write(paper, effort.joint, (middle - BAR - 20 - name_width, y), PALE, 0.5)
         _write(paper, f"{effort.torque:+.1f} N m", (middle + BAR + 20, y), INK, 0.5)
     return paper
 

@@ -211,6 +211,18 @@ def test_a_scene_fits_any_number_of_views(n_views: int) -> None:
     assert height % 2 == width % 2 == 0 and width >= 480 * n_views
 
 
+def test_a_joint_s_name_ends_before_its_bar() -> None:
+    """Whatever its length: long names begin further to the left."""
+
+    def drawn(joint: str) -> np.ndarray:
+        view = View("a", np.full((240, 320, 3), 255, np.uint8), Blobs(np.full(2, np.nan), np.full(2, np.nan)))
+        return scene([view], np.zeros((1, 42, 84), np.uint8), Caption([], [Effort(joint, 0.0, 0.0)], ""))
+
+    nameless, short, long = drawn(""), drawn("J1"), drawn("panda_joint1")
+    ends = [np.flatnonzero((nameless != named).any(axis=(0, 2))).max() for named in (short, long)]
+    assert abs(ends[0] - ends[1]) <= 3
+
+
 @pytest.fixture(scope="module")
 def wam_logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny run on the real environment, with two checkpoints."""
