@@ -129,9 +129,9 @@ def test_a_missing_package_says_how_to_install_it(monkeypatch: pytest.MonkeyPatc
             "ppo",
             {"buffer_size": 10},
             "unknown hyper-parameter of ppo 'buffer_size'; allowed are: batch_size, callback, clip_range, "
-            "clip_range_vf, ent_coef, env_kwargs, env_wrapper, frame_stack, gae_lambda, gamma, learning_rate, "
-            "max_grad_norm, monitor_kwargs, n_envs, n_epochs, n_steps, n_timesteps, noise_std, noise_type, "
-            "normalize_advantage, "
+            "clip_range_vf, ent_coef, env_kwargs, env_wrapper, eval_env_kwargs, frame_stack, gae_lambda, gamma, "
+            "learning_rate, max_grad_norm, monitor_kwargs, n_envs, n_epochs, n_steps, n_timesteps, noise_std, "
+            "noise_type, normalize_advantage, "
             "policy, policy_kwargs, rollout_buffer_class, rollout_buffer_kwargs, sde_sample_freq, stats_window_size, "
             "target_kl, use_sde, vf_coef",
         ),
