@@ -140,9 +140,7 @@ class StereoDDPGPolicy(TD3Policy):
         if self.encoder_loss == "dynamics":
             self.encoder = self._make_encoder(self.critic_hidden_norm).eval().to(self.device)
             n_joints, dynamics = get_action_dim(self.action_space), self.forward_dynamics
-            self.dynamics = DynamicsHeads(
-                self.encoder.features_dim, n_joints, self.n_views, forward_dynamics=dynamics
-            )
+            self.dynamics = DynamicsHeads(self.encoder.features_dim, n_joints, self.n_views, forward_dynamics=dynamics)
             self.dynamics.to(self.device).add_optimizer(self.encoder, self.dynamics_learning_rate)
         self.actor, self.critic = self._make_pair()
         self.actor_target, self.critic_target = self._make_pair()
