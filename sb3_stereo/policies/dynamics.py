@@ -98,7 +98,7 @@ class DynamicsHeads(nn.Module):
             displacements: Of the target, (batch, offsets_dim); 0 leaves it where it is.
         """
         offsets = self.offsets_after(features, actions) - displacements
-        return th.cat([offsets, offsets.unflatten(1, (-1, 2)).norm(dim=2)], dim=1)
+        return th.cat([offsets, offsets.unflatten(1, (-1, 2)).norm(dim=2)], dim=1)  # type: ignore[no-untyped-call]
 
     def offsets_after(self, features: th.Tensor, actions: th.Tensor) -> th.Tensor:
         """Predict the marker's offsets (batch, offsets_dim) after actions (batch, n_joints), scaled."""
