@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("-f", "--folder", type=Path, default=FOLDER, help="log folder to write into")
     args = parser.parse_args(argv)
     run = export(args.run, args.folder, args.load_best)
-    config, _ = load_record(run)
+    config = load_record(run)[0].evaluated
     path = model_path(run, config.env_id)
     n_envs = runtime.free_cores()
     env_fn = make_env(config.env_id, config.env_kwargs, config.env_wrapper)

@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def film_agent(algo: str, env_id: str) -> Path:
     """Film an episode of the agent that ships for an environment."""
-    config, _ = load_record(pretrained_run(algo, env_id))
+    config = load_record(pretrained_run(algo, env_id))[0].evaluated
     model = load_pretrained(env_id, algo, "cpu")
     CLIPS.mkdir(parents=True, exist_ok=True)
     file = CLIPS / f"{env_id}.gif"

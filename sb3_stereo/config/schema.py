@@ -209,7 +209,7 @@ def parse_config(algo: str, env_id: str, values: Mapping[str, Any]) -> Config:
             raise ConfigError(f"the hyper-parameters of {env_id} lack '{key}'; add it to the file or to -params")
     policy = policy_class(algo, values["policy"])
     env_kwargs, eval_env_kwargs = _as_map(values, "env_kwargs"), _as_map(values, "eval_env_kwargs")
-    evaluated = check_env_kwargs(env_id, {**env_kwargs, **eval_env_kwargs})
+    evaluated = check_env_kwargs(env_id, {**env_kwargs, **eval_env_kwargs}) if eval_env_kwargs else {}
     config = Config(
         algo=algo,
         env_id=env_id,
